@@ -1,0 +1,1 @@
+"""Poses and their covariances in the plane."""

@@ -1,0 +1,100 @@
+"""SE(2) on plain arrays: a pose is ``(x, y, theta)`` in metres and radians, the last axis of any array.
+
+Covariances are those of a perturbation on the right, in the frame of the pose itself: ``T_true = T * d`` with
+``d ~ N(0, covariance)``. Composition is then the adjoint's (the lever arm that IGO (4) and (6) leave out).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap_angle(angle: ArrayLike) -> Array:
+    """The same angle in [-pi, pi), elementwise."""
+    return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> Array:
+    """``T_a_c`` for poses of shape (..., 3); the leading axes broadcast."""
+    a, b = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_b_c, dtype=np.float64)
+    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        (
+            a[..., 0] + cos * b[..., 0] - sin * b[..., 1],
+            a[..., 1] + sin * b[..., 0] + cos * b[..., 1],
+            wrap_angle(a[..., 2] + b[..., 2]),
+        ),
+        axis=-1,
+    )
+
+
+def inverse(T_a_b: ArrayLike) -> Array:
+    """``T_b_a`` for poses of shape (..., 3)."""
+    a = np.asarray(T_a_b, dtype=np.float64)
+    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        (
+            -cos * a[..., 0] - sin * a[..., 1],
+            sin * a[..., 0] - cos * a[..., 1],
+            wrap_angle(-a[..., 2]),
+        ),
+        axis=-1,
+    )
+
+
+def between(T_a_b: ArrayLike, T_a_c: ArrayLike) -> Array:
+    """``T_b_c``, the pose of c seen from b, for poses of shape (..., 3)."""
+    return compose(inverse(T_a_b), T_a_c)
+
+
+def transform_points(T_a_b: ArrayLike, points_b: ArrayLike) -> Array:
+    """Points of shape (..., n, 2) in frame b, seen from frame a; the pose has shape (..., 3)."""
+    pose, points = np.asarray(T_a_b, dtype=np.float64), np.asarray(points_b, dtype=np.float64)
+    cos, sin = np.cos(pose[..., 2, None]), np.sin(pose[..., 2, None])
+    return np.stack(
+        (
+            pose[..., 0, None] + cos * points[..., 0] - sin * points[..., 1],
+            pose[..., 1, None] + sin * points[..., 0] + cos * points[..., 1],
+        ),
+        axis=-1,
+    )
+
+
+def adjoint(T_a_b: ArrayLike) -> Array:
+    """The matrix A, shape (..., 3, 3), with ``T * d = (A d) * T`` for a small d."""
+    pose = np.asarray(T_a_b, dtype=np.float64)
+    cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    zero, one = np.zeros_like(cos), np.ones_like(cos)
+    rows = (
+        np.stack((cos, -sin, pose[..., 1]), axis=-1),
+        np.stack((sin, cos, -pose[..., 0]), axis=-1),
+        np.stack((zero, zero, one), axis=-1),
+    )
+    return np.stack(rows, axis=-2)
+
+
+def compose_covariance(covariance_a_b: ArrayLike, T_b_c: ArrayLike, covariance_b_c: ArrayLike) -> Array:
+    """The covariance of ``T_a_b * T_b_c``, shape (..., 3, 3), for independent factors: IGO (6) with its lever arm."""
+    carry = adjoint(inverse(T_b_c))
+    first = np.asarray(covariance_a_b, dtype=np.float64)
+    return np.asarray(carry @ first @ np.swapaxes(carry, -1, -2) + np.asarray(covariance_b_c, dtype=np.float64))
+
+
+def inverse_covariance(T_a_b: ArrayLike, covariance_a_b: ArrayLike) -> Array:
+    """The covariance of ``T_b_a``, shape (..., 3, 3)."""
+    carry = adjoint(T_a_b)
+    inner = np.asarray(covariance_a_b, dtype=np.float64)
+    return np.asarray(carry @ inner @ np.swapaxes(carry, -1, -2))
+
+
+def interpolate(T_a_b: ArrayLike, T_a_c: ArrayLike, share: ArrayLike) -> Array:
+    """The pose at ``share`` (0: b, 1: c) of the straight way from b to c, the angle along the shorter turn."""
+    b, c = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_a_c, dtype=np.float64)
+    s = np.asarray(share, dtype=np.float64)[..., None]
+    step = c - b
+    step = np.concatenate((step[..., :2], wrap_angle(step[..., 2:])), axis=-1)
+    pose = b + s * step
+    return np.concatenate((pose[..., :2], wrap_angle(pose[..., 2:])), axis=-1)

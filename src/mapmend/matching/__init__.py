@@ -1,0 +1,1 @@
+"""Scan matching and its covariance."""

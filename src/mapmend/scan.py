@@ -1,0 +1,136 @@
+"""Laser scans and logs of them, and the checks that keep a bad scan out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.errors import MapmendError
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LaserGeometry:
+    """How a laser looks at the world: beam k points at ``first_angle_rad + k * angle_increment_rad``.
+
+    A reading at or above ``max_range_m`` is no return. ``T_robot_laser`` is the laser's pose on the robot.
+    """
+
+    beam_count: int
+    first_angle_rad: float
+    angle_increment_rad: float
+    max_range_m: float
+    T_robot_laser: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        numbers = (self.first_angle_rad, self.angle_increment_rad, *self.T_robot_laser)
+        if not np.all(np.isfinite(numbers)):
+            raise MapmendError(f"laser geometry must be finite, got {numbers}")
+        if not self.max_range_m > 0.0:
+            raise MapmendError(f"max_range_m must be positive, got {self.max_range_m}")
+        if self.beam_count < 0:
+            raise MapmendError(f"beam_count must not be negative, got {self.beam_count}")
+
+    def bearings_rad(self) -> Float:
+        """The beams' directions in the laser's frame, shape (beam_count,)."""
+        return self.first_angle_rad + self.angle_increment_rad * np.arange(self.beam_count, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Scans:
+    """n scans of any beam counts, end to end in one array.
+
+    ``ranges_m``: float32, shape (total,), metres; ``inf`` where nothing came back, ``nan`` where the reading is unusable.
+    ``offsets``: int64, shape (n + 1,), scan k is ``ranges_m[offsets[k]:offsets[k + 1]]``; an empty slice is "no scan here".
+    ``geometry_index``: int32, shape (n,), into ``geometries``.
+    """
+
+    ranges_m: NDArray[np.float32]
+    offsets: NDArray[np.int64]
+    geometry_index: NDArray[np.int32]
+    geometries: tuple[LaserGeometry, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.geometry_index)
+        if self.offsets.shape != (n + 1,):
+            raise MapmendError(f"offsets must have shape ({n + 1},), got {self.offsets.shape}")
+        if self.offsets[0] != 0 or self.offsets[-1] != len(self.ranges_m) or np.any(np.diff(self.offsets) < 0):
+            raise MapmendError("offsets must rise from 0 to the number of ranges")
+        if n and (self.geometry_index.min() < 0 or self.geometry_index.max() >= max(len(self.geometries), 1)):
+            raise MapmendError("geometry_index points outside geometries")
+        counts = np.diff(self.offsets)
+        expected = np.array([g.beam_count for g in self.geometries] or [0])[self.geometry_index]
+        if np.any((counts != expected) & (counts != 0)):
+            k = int(np.argmax((counts != expected) & (counts != 0)))
+            raise MapmendError(f"scan {k} has {counts[k]} beams where its laser has {expected[k]}")
+        with np.errstate(invalid="ignore"):
+            if np.any(self.ranges_m <= 0.0):
+                raise MapmendError("ranges must be positive, inf (no return) or nan (unusable)")
+
+    def __len__(self) -> int:
+        return len(self.geometry_index)
+
+    def ranges_of(self, k: int) -> NDArray[np.float32]:
+        """The readings of scan k, shape (beams,), a view."""
+        return self.ranges_m[self.offsets[k] : self.offsets[k + 1]]
+
+    def geometry_of(self, k: int) -> LaserGeometry:
+        return self.geometries[self.geometry_index[k]]
+
+    def select(self, rows: NDArray[np.int64]) -> Scans:
+        """The scans of the given rows, in that order."""
+        counts = np.diff(self.offsets)[rows]
+        offsets = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+        parts = [self.ranges_of(int(k)) for k in rows]
+        ranges = np.concatenate(parts) if parts else np.zeros(0, np.float32)
+        return Scans(ranges, offsets, self.geometry_index[rows], self.geometries)
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something odd about a file that did not keep it from being read: what, how often, where first."""
+
+    what: str
+    count: int = 1
+    first_line: int | None = None
+
+    def __str__(self) -> str:
+        times = "" if self.count == 1 else f" ({self.count} times)"
+        where = "" if self.first_line is None else f", first in line {self.first_line}"
+        return f"{self.what}{times}{where}"
+
+
+@dataclass(frozen=True)
+class ScanLog:
+    """A recording: one row a scan, in the order of recording.
+
+    ``stamps_s``: shape (n,), seconds; the row number where the log has no usable stamps (``has_stamps`` False).
+    ``odometry``: shape (n, 3), ``T_odometry_robot`` at each scan. ``notes`` say what was odd.
+    """
+
+    scans: Scans
+    stamps_s: Float
+    odometry: Float
+    has_stamps: bool = True
+    source: str = ""
+    notes: tuple[Note, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        n = len(self.scans)
+        if self.stamps_s.shape != (n,):
+            raise MapmendError(f"stamps_s must have shape ({n},), got {self.stamps_s.shape}")
+        if self.odometry.shape != (n, 3):
+            raise MapmendError(f"odometry must have shape ({n}, 3), got {self.odometry.shape}")
+        if not (np.all(np.isfinite(self.stamps_s)) and np.all(np.isfinite(self.odometry))):
+            raise MapmendError("stamps and odometry must be finite")
+
+    def __len__(self) -> int:
+        return len(self.scans)
+
+    @property
+    def odometry_moves(self) -> bool:
+        """Whether the odometry reports any motion at all; a log without odometry carries one pose throughout."""
+        return bool(len(self) and np.any(self.odometry != self.odometry[0]))

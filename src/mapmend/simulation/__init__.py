@@ -1,0 +1,1 @@
+"""Buildings, robots and their ground truth."""
