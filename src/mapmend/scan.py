@@ -43,8 +43,8 @@ class LaserGeometry:
 class Scans:
     """n scans of any beam counts, end to end in one array.
 
-    ``ranges_m``: float32, shape (total,), metres; ``inf`` where nothing came back, ``nan`` where the reading is unusable.
-    ``offsets``: int64, shape (n + 1,), scan k is ``ranges_m[offsets[k]:offsets[k + 1]]``; an empty slice is "no scan here".
+    ``ranges_m``: float32, shape (total,), metres; ``inf`` where nothing came back, ``nan`` where a reading is unusable.
+    ``offsets``: int64, shape (n + 1,), scan k is ``ranges_m[offsets[k]:offsets[k + 1]]``, empty for "none".
     ``geometry_index``: int32, shape (n,), into ``geometries``.
     """
 
