@@ -1,0 +1,87 @@
+"""What keeps a graph from being optimized, each said in one line that names the node or the edge."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.errors import MapmendError
+from mapmend.graph.pose_graph import Float, Int, PoseGraph
+
+SYMMETRY_TOLERANCE = 1e-9
+
+
+def check_numbers(graph: PoseGraph) -> None:
+    """Raises ``MapmendError`` unless all numbers are finite and every information matrix is positive definite."""
+    bad_nodes = ~np.isfinite(graph.poses).all(axis=1)
+    if bad_nodes.any():
+        raise MapmendError(f"the pose of node {graph.ids[np.argmax(bad_nodes)]} is not finite")
+    _refuse_edges(graph, ~np.isfinite(graph.measurements).all(axis=1), "the measurement of", "is not finite")
+    _refuse_edges(graph, ~np.isfinite(graph.information).all(axis=(1, 2)), "the information of", "is not finite")
+    _refuse_edges(graph, ~_symmetric(graph.information), "the information of", "is not symmetric")
+    _refuse_edges(graph, ~_positive_definite(graph.information), "the information of", "is not positive definite")
+
+
+def check_weights(graph: PoseGraph, weights: Float) -> None:
+    """Raises ``MapmendError`` unless ``weights`` has shape (m,) and is finite and not negative."""
+    if weights.shape != (len(graph.edges),):
+        raise MapmendError(f"weights must have shape ({len(graph.edges)},), got {weights.shape}")
+    _refuse_edges(graph, ~(np.isfinite(weights) & (weights >= 0.0)), "the weight of", "is negative or not finite")
+
+
+def check_connections(graph: PoseGraph) -> None:
+    """Raises ``MapmendError`` where an edge joins a node to itself, or a node hangs on no fixed node."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n, fixed = len(graph), np.asarray(graph.fixed, dtype=np.int64)
+    if len(fixed) and (fixed.min() < 0 or fixed.max() >= n):
+        raise MapmendError(f"a fixed node is outside 0..{n - 1}: {graph.fixed}")
+    _refuse_edges(graph, graph.edges[:, 0] == graph.edges[:, 1], "", "joins a node to itself")
+    if n and not len(fixed):
+        raise MapmendError(f"no node is fixed, so the map may lie anywhere; fix one, such as node {graph.ids[0]}")
+    links = coo_array((np.ones(len(graph.edges), np.int8), (graph.edges[:, 0], graph.edges[:, 1])), shape=(n, n))
+    parts, part_of_node = connected_components(links, directed=False)
+    held = np.zeros(parts, dtype=np.bool_)
+    held[part_of_node[fixed]] = True
+    loose = ~held[part_of_node]
+    if loose.any():
+        raise MapmendError(
+            f"no chain of edges joins node {graph.ids[np.argmax(loose)]} to a fixed node "
+            f"({int(loose.sum())} of {n} nodes hang loose); add an edge, or fix a node of that part"
+        )
+
+
+def name_edge(graph: PoseGraph, k: int) -> str:
+    """An edge as a person looks it up: by the ids of its nodes."""
+    i, j = graph.edges[k]
+    return f"edge {graph.ids[i]} -> {graph.ids[j]}"
+
+
+def _refuse_edges(graph: PoseGraph, bad: NDArray[np.bool_], before: str, after: str) -> None:
+    if bad.any():
+        raise MapmendError(f"{before} {name_edge(graph, int(np.argmax(bad)))} {after}".strip())
+
+
+def _symmetric(matrices: Float) -> NDArray[np.bool_]:
+    """Whether each of the (m, 3, 3) matrices is symmetric, up to the rounding of a file's decimals."""
+    scale = np.abs(matrices).max(axis=(1, 2), initial=0.0)
+    difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2), initial=0.0)
+    return np.asarray(difference <= SYMMETRY_TOLERANCE * scale)
+
+
+def _positive_definite(matrices: Float) -> NDArray[np.bool_]:
+    """Whether each of the (m, 3, 3) matrices has positive pivots, well above the rounding of their subtraction."""
+    rounding = 8.0 * np.finfo(np.float64).eps
+    a, b, c = matrices[:, 0, 0], matrices[:, 1, 0], matrices[:, 2, 0]
+    with np.errstate(all="ignore"):
+        second = matrices[:, 1, 1] - b * b / a
+        mixed = matrices[:, 2, 1] - b * c / a
+        third = matrices[:, 2, 2] - c * c / a - mixed * mixed / second
+        good = (a > 0.0) & (second > rounding * matrices[:, 1, 1]) & (third > rounding * matrices[:, 2, 2])
+    return np.asarray(good)
+
+
+def same_pattern(graph: PoseGraph, edges: Int, fixed: tuple[int, ...], nodes: int) -> bool:
+    """Whether the graph joins and fixes the same nodes in the same order."""
+    return len(graph) == nodes and tuple(graph.fixed) == fixed and np.array_equal(graph.edges, edges)
