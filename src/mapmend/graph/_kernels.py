@@ -11,7 +11,7 @@ Int = NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
-def linearize(
+def linearize(  # noqa: PLR0917
     poses: Float,
     edges: Int,
     measurements: Float,
@@ -142,7 +142,7 @@ def sparse_inverse(starts: Int, rows: Int, lower: Float, diagonal: Float) -> tup
 
 @njit(cache=True, nogil=True)
 def diagonal_blocks(starts: Int, rows: Int, inverse: Float, inverse_diagonal: Float, places: Int) -> Float:
-    """The 3x3 diagonal blocks of the inverse, shape (size / 3, 3, 3); ``places[u]`` is where unknown u was ordered to."""
+    """The 3x3 diagonal blocks of the inverse, shape (size / 3, 3, 3); row u of H was ordered to ``places[u]``."""
     blocks = np.empty((len(places) // 3, 3, 3))
     for node in range(len(blocks)):
         for r in range(3):

@@ -13,11 +13,11 @@ SYMMETRY_TOLERANCE = 1e-9
 
 def check_numbers(graph: PoseGraph) -> None:
     """Raises ``MapmendError`` unless all numbers are finite and every information matrix is positive definite."""
-    bad_nodes = ~np.isfinite(graph.poses).all(axis=1)
+    bad_nodes = ~_finite(graph.poses)
     if bad_nodes.any():
         raise MapmendError(f"the pose of node {graph.ids[np.argmax(bad_nodes)]} is not finite")
-    _refuse_edges(graph, ~np.isfinite(graph.measurements).all(axis=1), "the measurement of", "is not finite")
-    _refuse_edges(graph, ~np.isfinite(graph.information).all(axis=(1, 2)), "the information of", "is not finite")
+    _refuse_edges(graph, ~_finite(graph.measurements), "the measurement of", "is not finite")
+    _refuse_edges(graph, ~_finite(graph.information), "the information of", "is not finite")
     _refuse_edges(graph, ~_symmetric(graph.information), "the information of", "is not symmetric")
     _refuse_edges(graph, ~_positive_definite(graph.information), "the information of", "is not positive definite")
 
@@ -52,15 +52,16 @@ def check_connections(graph: PoseGraph) -> None:
         )
 
 
-def name_edge(graph: PoseGraph, k: int) -> str:
-    """An edge as a person looks it up: by the ids of its nodes."""
-    i, j = graph.edges[k]
-    return f"edge {graph.ids[i]} -> {graph.ids[j]}"
-
-
 def _refuse_edges(graph: PoseGraph, bad: NDArray[np.bool_], before: str, after: str) -> None:
+    """Names the first bad edge as a person looks it up: by the ids of its nodes."""
     if bad.any():
-        raise MapmendError(f"{before} {name_edge(graph, int(np.argmax(bad)))} {after}".strip())
+        i, j = graph.edges[np.argmax(bad)]
+        raise MapmendError(f"{before} edge {graph.ids[i]} -> {graph.ids[j]} {after}".strip())
+
+
+def _finite(rows: Float) -> NDArray[np.bool_]:
+    """Which rows hold finite numbers only, shape (rows,)."""
+    return np.asarray(np.isfinite(rows).all(axis=tuple(range(1, rows.ndim))))
 
 
 def _symmetric(matrices: Float) -> NDArray[np.bool_]:

@@ -3,6 +3,12 @@
 Minimizes ``chi2 = sum e^T Omega e`` with ``e = measurement^-1 * (X_i^-1 * X_j)`` read as a vector (x, y, wrapped
 angle): g2o's convention, so that chi2 compares with what is published for its graphs. GTSAM takes the logarithm of
 the same pose, which differs in the second order of e, and reports half the sum.
+
+Undamped steps converge in a few iterations wherever the graph is sound, and reach the published optima of intel and
+M3500 from odometry. With many false loops they wander: on Bicocca 25b without a threshold, Gauss-Newton still stood at
+chi2 = 284,000 after 200 steps, where damping the steps that raise chi2 came to rest at 169,000. So the default is
+Levenberg-Marquardt that starts undamped. The damping scales the diagonal of H (Marquardt's choice), which weighs metres
+against radians as the measurements do.
 """
 
 from __future__ import annotations
@@ -35,7 +41,7 @@ class OptimizerSettings:
     """
 
     method: str = METHODS[0]
-    max_iterations: int = 50
+    max_iterations: int = 100
     tolerance_sigma: float = 1e-3
     tolerance_share: float = 1e-9
 
@@ -104,6 +110,8 @@ def optimize(
     analysed = time.perf_counter()
     descent = _Descent(system, graph, information)
     chi2_initial = descent.here.chi2
+    if not np.isfinite(chi2_initial):
+        raise MapmendError("chi2 at the given poses is not finite: some numbers are too large to square")
     iterations, converged = _descend(descent, settings, progress)
     seconds = {"analyse": analysed - began, "solve": time.perf_counter() - analysed}
     return OptimizationResult(
@@ -113,6 +121,8 @@ def optimize(
 
 def _descend(descent: _Descent, settings: OptimizerSettings, progress: Progress) -> tuple[int, bool]:
     """Steps until one is too short to matter; how many, and whether it came to that."""
+    if not descent.system.size:
+        return 0, True
     damping = 0.0
     for iteration in range(settings.max_iterations):
         step, gain = descent.propose(damping)
@@ -127,7 +137,7 @@ def _descend(descent: _Descent, settings: OptimizerSettings, progress: Progress)
             return iteration + 1, True
         if damping > MOST_DAMPING:
             return iteration + 1, False
-    return settings.max_iterations, descent.system.size == 0
+    return settings.max_iterations, False
 
 
 class _Descent:
@@ -141,9 +151,8 @@ class _Descent:
         self.here = system.linearize(self.poses, self.measurements, information)
 
     def propose(self, damping: float) -> tuple[Float, float]:
-        """The damped step, shape (size,), and what an undamped one of its length and direction is expected to gain."""
-        self.system.factorize(self.here.values, damping)
-        step = self.system.solve(-self.here.gradient)
+        """The damped step, shape (size,), and how far it goes downhill: ``d^T H d``, if undamped."""
+        step = self.system.factorize(self.here.values, damping).solve(-self.here.gradient)
         return step, -float(step @ self.here.gradient)
 
     def take(self, step: Float, whatever: bool) -> bool:

@@ -7,7 +7,7 @@ that the inverse of H holds covariances in the sense of ``geometry.se2``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from mapmend.graph.pose_graph import Float, Int, PoseGraph
 
 # Below this share of its diagonal entry, a pivot is what rounding left of a subtraction.
 SMALLEST_PIVOT = 1e-13
+# One layout for all callers: a read-only or a strided array would compile the kernel once more.
+KERNEL_ARRAYS: tuple[Literal["C"], Literal["W"]] = ("C", "W")
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,14 @@ class Factorization:
     unknowns: Int
 
     def solve(self, right_sides: Float) -> Float:
-        """``H^-1 b`` for ``b`` of shape (size, k)."""
+        """``H^-1 b`` for ``b`` of shape (size,) or (size, k)."""
         from mapmend.graph import _kernels
 
-        ordered = np.ascontiguousarray(right_sides[self.order], dtype=np.float64)
-        _kernels.solve(self.starts, self.rows, self.lower, self.diagonal, ordered)
-        solution = np.empty_like(ordered)
-        solution[self.order] = ordered
+        solution = np.zeros(right_sides.shape)
+        if len(self.order):
+            ordered = np.ascontiguousarray(right_sides[self.order], dtype=np.float64).reshape(len(self.order), -1)
+            _kernels.solve(self.starts, self.rows, self.lower, self.diagonal, ordered)
+            solution[self.order] = ordered.reshape(right_sides.shape)
         return solution
 
 
@@ -63,7 +66,7 @@ class System:
 
     def __init__(self, graph: PoseGraph) -> None:
         check_connections(graph)
-        self.edges = np.ascontiguousarray(graph.edges, dtype=np.int64)
+        self.edges = np.array(graph.edges, dtype=np.int64, order="C")
         self.fixed = tuple(graph.fixed)
         self.ids = graph.ids
         free = np.ones(len(graph), dtype=np.bool_)
@@ -108,10 +111,10 @@ class System:
         from mapmend.graph import _kernels
 
         chi2, values, gradient = _kernels.linearize(
-            np.ascontiguousarray(poses),
+            np.require(poses, np.float64, KERNEL_ARRAYS),
             self.edges,
-            np.ascontiguousarray(measurements),
-            np.ascontiguousarray(information),
+            np.require(measurements, np.float64, KERNEL_ARRAYS),
+            np.require(information, np.float64, KERNEL_ARRAYS),
             self.unknowns,
             self.column_starts,
             self.block_ranks,
@@ -149,12 +152,8 @@ class System:
             self._solver = None
             raise MapmendError("the graph's equations are singular: some edges carry no weight") from error
         L, D, order = self._solver.factors()
-        weak = ~(D > SMALLEST_PIVOT * values[ends][order])
+        weak = ~(SMALLEST_PIVOT * values[ends][order] < D)
         if weak.any():
             node = self.ids[self.nodes[order[np.argmax(weak)] // 3]]
             raise MapmendError(f"the graph's equations are singular to rounding: nothing holds node {node} in place")
         return Factorization(L.indptr, L.indices, L.data, D, order, self.unknowns)
-
-    def solve(self, right_side: Float) -> Float:
-        """``x`` of the matrix that was factorized last, shape (size,)."""
-        return np.asarray(self._solver.solve(right_side)) if self.size else np.zeros(0)
