@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 def random_information(generator: np.random.Generator, count: int) -> Array:
     """Positive definite matrices, shape (count, 3, 3), with standard deviations of some centimetres and degrees."""
-    factor = generator.normal(size=(count, 3, 3)) + 3.0 * np.eye(3)
+    factor = 0.4 * generator.normal(size=(count, 3, 3)) + 2.0 * np.eye(3)
     return 400.0 * factor @ np.swapaxes(factor, 1, 2)
 
 

@@ -43,7 +43,7 @@ def test_the_sparse_inverse_subset_is_the_inverse_on_the_pattern():
     np.testing.assert_allclose(inverse, expected[f.rows, columns], rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000), FIXED)
 def test_marginals_are_the_diagonal_blocks_of_the_inverse(seed, fixed):
     graph = replace(perturbed(random_graph(seed), seed, 0.2), fixed=fixed)
@@ -55,7 +55,7 @@ def test_marginals_are_the_diagonal_blocks_of_the_inverse(seed, fixed):
     np.testing.assert_array_equal(got, np.swapaxes(got, 1, 2))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000), FIXED, st.integers(0, 11))
 def test_cross_covariances_are_a_block_column_of_the_inverse(seed, fixed, node):
     graph = replace(perturbed(random_graph(seed), seed, 0.2), fixed=fixed)
@@ -63,7 +63,7 @@ def test_cross_covariances_are_a_block_column_of_the_inverse(seed, fixed, node):
     np.testing.assert_allclose(cross_covariances(factorized(graph), node), expected, atol=1e-9 * np.abs(expected).max())
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000), FIXED, st.integers(0, 11))
 def test_relative_covariances_against_dense_algebra(seed, fixed, node):
     graph = replace(perturbed(random_graph(seed), seed, 0.2), fixed=fixed)

@@ -20,7 +20,7 @@ seeds = st.integers(0, 10_000)
 several = settings(max_examples=15, deadline=None)
 
 
-def assert_same_poses(got, expected, tolerance=1e-7):
+def assert_same_poses(got, expected, tolerance=1e-6):
     difference = got - expected
     difference[:, 2] = se2.wrap_angle(difference[:, 2])
     np.testing.assert_allclose(difference, 0.0, atol=tolerance)
