@@ -1,6 +1,5 @@
 """The relation metric by hand, against its definition, and on the recordings that its numbers are published for."""
 
-import bz2
 import os
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from hypothesis import strategies as st
 from mapmend.errors import MapmendError
 from mapmend.evaluation.relations import relation_errors
 from mapmend.geometry import se2
+from mapmend.io.carmen import read_carmen
 
 coordinate = st.floats(-50.0, 50.0)
 pose = st.tuples(coordinate, coordinate, st.floats(-7.0, 7.0)).map(np.array)
@@ -123,31 +123,25 @@ def test_input_that_cannot_be_compared_is_refused(arguments, complaint):
         relation_errors(*arguments)
 
 
-def odometry_of(path):
-    """Stamps and odometry of the robot, as they stand in the FLASER lines of a CARMEN log."""
-    with bz2.open(path, "rt") as lines:
-        ends = [line.split()[-6:] for line in lines if line.startswith("FLASER ")]
-    return np.array([end[3] for end in ends], dtype=float), np.array([end[:3] for end in ends], dtype=float)
-
-
 @pytest.mark.parametrize(
-    ("name", "laser_x_m", "translation_m", "rotation_deg", "total"),
-    # fr079's laser sits at x = -0.04 m. Taken in the laser's frame the odometry scores the 6.51 m that are known of
-    # it; in the robot's, 3 mm less.
+    ("name", "frame", "translation_m", "rotation_deg", "total"),
+    # intel's laser counts as the robot's centre. fr079's sits at x = -0.04 m: in the laser's frame the odometry scores
+    # the 6.51 m that are known of it; in the robot's, 3 mm less.
     [
-        ("intel", 0.0, 7.3702, 39.166, 2984),
-        ("fr079", -0.04, 6.5072, 30.292, 1685),
-        ("fr079", 0.0, 6.5042, 30.292, 1685),
+        ("intel", "robot", 7.3702, 39.166, 2984),
+        ("fr079", "laser", 6.5072, 30.292, 1685),
+        ("fr079", "robot", 6.5042, 30.292, 1685),
     ],
 )
-def test_raw_odometry_scores_what_is_known_of_it(name, laser_x_m, translation_m, rotation_deg, total):
+def test_raw_odometry_scores_what_is_known_of_it(name, frame, translation_m, rotation_deg, total):
     folder = os.environ.get("MAPMEND_DATA")
     if not folder:
         pytest.skip("MAPMEND_DATA is not set: the recordings are not at hand")
     table = np.loadtxt(Path(folder) / "relations" / f"{name}.relations")
-    stamps, odometry = odometry_of(Path(folder) / "logs" / f"{name}.clf.bz2")
+    log = read_carmen(Path(folder) / "logs" / f"{name}.clf.bz2")
+    mounting = log.scans.geometries[0].T_robot_laser if frame == "laser" else None
     errors = relation_errors(
-        stamps, odometry, table[:, 0], table[:, 1], table[:, [2, 3, 7]], T_robot_laser=[laser_x_m, 0.0, 0.0]
+        log.stamps_s, log.odometry, table[:, 0], table[:, 1], table[:, [2, 3, 7]], T_robot_laser=mounting
     )
     assert (errors.used, errors.total) == (total, total)
     assert errors.translation_mean_m == pytest.approx(translation_m, abs=1e-4)

@@ -129,10 +129,10 @@ def test_random_slips_lie_on_straight_stretches():
 
 def test_the_noise_is_as_large_as_it_says():
     model = OdometryModel(0.03, 0.0, 0.02, 0.0, 0.0)
-    runs = [simulate(STRAIGHT, ONE_BEAM, model, seed) for seed in range(150)]
+    runs = [simulate(STRAIGHT, ONE_BEAM, model, seed) for seed in range(80)]
     ends = np.array([run.log.odometry[-1] - run.truth[-1] for run in runs])
     np.testing.assert_allclose(ends.mean(axis=0), 0.0, atol=0.04)
-    np.testing.assert_allclose(ends.std(axis=0)[:2], np.array([0.03, 0.02]) * np.sqrt(20.0), rtol=0.2)
+    np.testing.assert_allclose(ends.std(axis=0)[:2], np.array([0.03, 0.02]) * np.sqrt(20.0), rtol=0.25)
 
 
 def test_systematic_errors_are_systematic():
@@ -192,6 +192,7 @@ def test_the_laser_is_where_it_is_mounted():
             lambda: simulate(STRAIGHT, None, OdometryModel(slips=(SlipEvent(1, 2, 0), SlipEvent(2, 2, 0)))),
             "begins before",
         ),
+        (lambda: simulate(STRAIGHT, None, OdometryModel(slips=(SlipEvent(20, 1, 0.5),))), "after the end"),
         (lambda: simulate(STRAIGHT, None, OdometryModel(random_slip_count=50)), "do not fit"),
         (lambda: OdometryModel(forward_std_m_after_1_m=-0.1), "must not be negative"),
         (lambda: LaserModel(lost_share=1.5), "lost_share"),

