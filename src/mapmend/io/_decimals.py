@@ -1,13 +1,14 @@
 """Decimal numbers out of text and into text, a whole block at once.
 
-A log is millions of short numbers such as ``12.34``. Sixteen characters of each are looked at as two 64-bit words, so that
-NumPy does the arithmetic for all of them together; what does not look like a plain decimal goes through ``float``. The values
-are those of ``float`` to the last bit: digits below 2**53 divided by an exact power of ten round correctly.
+A log is millions of short numbers such as ``12.34``. Sixteen characters of each are looked at as two 64-bit words, so
+that NumPy does the arithmetic for all of them together; what does not look like a plain decimal goes through ``float``.
+The values are those of ``float`` to the last bit: digits below 2**53 divided by an exact power of ten round correctly.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,7 +164,7 @@ def format_rows(
 ) -> list[bytes]:
     """Each scan's readings as text, a blank before each; read back as float32 they are the same to the last bit.
 
-    ``offsets``: shape (n + 1,). ``no_return_m``: shape (n,), written (rounded up) for ``inf``; 0 is written for ``nan``.
+    ``offsets``: shape (n + 1,). ``no_return_m``: shape (n,), written (rounded up) for ``inf``; ``nan`` becomes 0.
     """
     values = ranges_m.astype(np.float64)
     ceiling = np.repeat(no_return_m, np.diff(offsets))
@@ -187,7 +188,7 @@ def format_rows(
         rest = shorter
     text = characters[keep].tobytes()
     ends = np.concatenate(([0], np.cumsum(keep.sum(axis=1))))[offsets].tolist()
-    return [text[a:b] for a, b in zip(ends, ends[1:], strict=False)]
+    return [text[a:b] for a, b in pairwise(ends)]
 
 
 def _decimals_needed(values: Float, ranges_m: NDArray[np.float32], least: int) -> int:

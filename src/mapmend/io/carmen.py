@@ -52,7 +52,7 @@ def read_carmen(path: str | Path, lenient: bool = False) -> ScanLog:
 
 def parse_carmen(data: bytes, path: str | Path, lenient: bool = False) -> ScanLog:
     """The same for bytes already read; ``path`` is for messages."""
-    if not data.strip():
+    if not data or data.isspace():
         raise InputError(path, "the file is empty", "name a log with scans")
     content = _Content()
     for first_line, lines in _blocks(data):

@@ -1,4 +1,4 @@
-"""Bytes of a file, unpacked where it is an archive; what a file is packed with is told by its content, not by its name."""
+"""Bytes of a file, unpacked where it is an archive, which its content tells, not its name."""
 
 from __future__ import annotations
 

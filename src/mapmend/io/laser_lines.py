@@ -1,7 +1,7 @@
 """FLASER, RLASER and ROBOTLASER lines into arrays: shared by the logs and by the graphs whose nodes carry scans.
 
-All lines of a block are parsed together. A line that does not fit is set aside; only for the error message is it looked at
-word by word (`explain`).
+All lines of a block are parsed together. A line that does not fit is set aside; only for the error message is it
+looked at word by word (`explain`).
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class LaserRows:
     """k parsed lines, one row each.
 
     ``lines``: int64 (k,), line numbers. ``channel``: int32 (k,), which laser, as the caller counts them.
-    ``header``: (k, 4), first angle, field of view, increment (rad), maximum range (m), nan for FLASER. ``counts``: int64
-    (k,). ``readings``: float32 (sum of counts,), metres as they stand. ``laser``, ``robot``: (k, 3). ``stamps_s``: (k,),
-    nan where the line ends before its time.
+    ``header``: (k, 4), first angle, field of view, increment (rad), maximum range (m), nan for FLASER.
+    ``counts``: int64 (k,). ``readings``: float32 (sum of counts,), metres as they stand. ``laser``, ``robot``: (k, 3).
+    ``stamps_s``: (k,), nan where the line ends before its time.
     """
 
     lines: Int
@@ -119,7 +119,9 @@ def parse_laser_lines(
     tokens = tokenize(texts)
     counts, remissions, good = _counts(tokens, layout)
     if good.all() and len(texts):
-        rows, good, odd = _values(tokens, layout, counts, remissions, np.array(lines), channel, mask_readings)
+        rows, good, odd = _values(
+            tokens, layout, counts, remissions, lines=np.array(lines), channel=channel, mask_readings=mask_readings
+        )
         if good.all():
             return rows, odd
     if not good.any():
@@ -156,7 +158,7 @@ def _whole_numbers(tokens: Tokens, position: Int) -> tuple[Int, Bool]:
 
 
 def _values(
-    tokens: Tokens, layout: Layout, counts: Int, remissions: Int, lines: Int, channel: list[int], mask_readings: bool
+    tokens: Tokens, layout: Layout, counts: Int, remissions: Int, *, lines: Int, channel: list[int], mask_readings: bool
 ) -> tuple[LaserRows, Bool, Odd]:
     """The numbers of lines that have the right number of words, and which of the lines are usable."""
     first, after = tokens.first[:-1], tokens.first[1:]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.geometry.se2 import between, wrap_angle
-from mapmend.io._decimals import Bool, Float
+from mapmend.io._decimals import Bool, Float, Int
 from mapmend.io.laser_lines import LaserRows
 from mapmend.io.no_return import no_return_limit_m
 from mapmend.scan import LaserGeometry, Scans
@@ -28,7 +29,7 @@ class Channel:
 def constant_mounting(robot: Float, laser: Float) -> tuple[float, float, float] | None:
     """The laser's pose on the robot where it is the same, to 1 mm and 1 mrad, in all rows of (n, 3); else None.
 
-    Rounded to what the spread of the rows supports, so that positions written with six decimals give 0.22, not 0.219999.
+    Rounded to what the spread of the rows supports: positions written with six decimals give 0.22, not 0.219999.
     """
     if not len(robot):
         return None
@@ -69,7 +70,7 @@ def build_scans(rows: LaserRows, angles: Float, channels: dict[int, Channel], ex
     limits = _limits(ranges, rows, claims, exact)
     none = ranges >= np.repeat(limits, rows.counts).astype(np.float32)
     ranges[none] = np.inf
-    keys = np.column_stack((rows.channel, rows.counts, angles, limits))
+    keys: Float = np.column_stack((rows.channel, rows.counts, angles, limits))
     distinct, index = _distinct_rows(keys)
     geometries = tuple(
         LaserGeometry(int(key[1]), float(key[2]), float(key[3]), float(key[4]), channels[int(key[0])].mounting)
@@ -78,12 +79,13 @@ def build_scans(rows: LaserRows, angles: Float, channels: dict[int, Channel], ex
     return Scans(ranges, rows.offsets(), index.astype(np.int32), geometries)
 
 
-def _limits(ranges: np.ndarray, rows: LaserRows, claims: Float, exact: bool) -> Float:
+def _limits(ranges: NDArray[np.float32], rows: LaserRows, claims: Float, exact: bool) -> Float:
     """The least reading of each row that is no return; those of one laser with one claim share it."""
     if exact and not np.any(np.isnan(claims)):
         return claims
     limits = claims.copy()
-    distinct, index = _distinct_rows(np.column_stack((rows.channel, np.nan_to_num(claims))))
+    groups: Float = np.column_stack((rows.channel, np.nan_to_num(claims)))
+    distinct, index = _distinct_rows(groups)
     for k in range(len(distinct)):
         mine: Bool = index == k
         readings = ranges if mine.all() else ranges[np.repeat(mine, rows.counts)]
@@ -92,7 +94,7 @@ def _limits(ranges: np.ndarray, rows: LaserRows, claims: Float, exact: bool) -> 
     return limits
 
 
-def _distinct_rows(keys: Float) -> tuple[Float, np.ndarray]:
+def _distinct_rows(keys: Float) -> tuple[Float, Int]:
     """The distinct rows in the order of their first appearance, and which of them each row is."""
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)

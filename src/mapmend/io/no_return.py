@@ -41,13 +41,14 @@ def no_return_limit_m(ranges_m: NDArray[np.float32], claimed_max_m: float | None
 def frequent_maximum_m(finite_m: NDArray[np.float32]) -> float | None:
     """The least reading of the cluster at the top of the histogram that no wall explains, or None.
 
-    In centimetre bins: the fullest bin within 2 % of the largest reading must hold at least 30 readings and 20 times the
-    median of the occupied bins in the upper half (or stand there alone). Full bins up to 6 cm below belong to it, and
-    what touches them.
+    In centimetre bins: the fullest bin within 2 % of the largest reading must hold at least 30 readings and 20 times
+    the median of the occupied bins in the upper half (or stand there alone), yet not nine tenths of all. Full bins up
+    to 6 cm below belong to it, and the bin that touches the lowest.
     """
     if len(finite_m) < _LEAST_READINGS:
         return None
-    bins = np.bincount(np.rint(np.minimum(finite_m, 1000.0) * np.float32(100.0)).astype(np.int32))
+    far_m = finite_m[finite_m >= 0.45 * min(float(finite_m.max()), 1000.0)]
+    bins = np.bincount(np.rint(np.minimum(far_m, 1000.0) * np.float32(100.0)).astype(np.int32))
     last = len(bins) - 1
     top = int(_FAR * last)
     fullest = top + int(np.argmax(bins[top:]))
@@ -62,7 +63,7 @@ def frequent_maximum_m(finite_m: NDArray[np.float32]) -> float | None:
         lowest = below
     if 0 < bins[lowest - 1] < bins[lowest]:
         lowest -= 1
-    return float(np.round(finite_m[finite_m >= np.float32(lowest / 100.0 - _EDGE)].min().astype(np.float64), 4))
+    return float(np.round(far_m[far_m >= np.float32(lowest / 100.0 - _EDGE)].min().astype(np.float64), 4))
 
 
 def _full_bin_below(bins: NDArray[np.int64], lowest: int, enough: float) -> int | None:

@@ -1,0 +1,261 @@
+"""Pose graphs out of text: g2o's lines, TORO's, or both in one file. docs/formats.md lists fields and rules."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from mapmend.errors import InputError
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.io._decimals import Bool, Float, Int, parse, tokenize
+from mapmend.io.laser_lines import FARTHEST_M, ROBOTLASER, LaserRows, concatenate, explain, parse_laser_lines
+from mapmend.io.laser_scans import EXACT_MARK, Channel, build_scans, constant_mounting, exact_angles
+from mapmend.scan import LaserGeometry, Scans
+
+MEND = "repair the line"
+SEQUENTIAL_MARK, LOOP_MARK = b"#SEQUENTIAL EDGES", b"#LOOP EDGES"
+VERTEX_TAGS = (b"VERTEX_SE2", b"VERTEX2")
+EDGE_TAGS = (b"EDGE_SE2", b"EDGE2")
+
+_LASERS = {b"ROBOTLASER%d" % k: k for k in range(1, 10)}
+_VERTEX_FIELDS = ("id", "x", "y", "theta")
+_EDGE_FIELDS = ("id i", "id j", "x", "y", "theta", *(f"information entry {k}" for k in range(1, 7)))
+_LASER_LINES_AT_A_TIME = 4000
+# Where the six numbers of a line go in I11 I12 I13 I22 I23 I33.
+_G2O_ORDER, _TORO_ORDER = (0, 1, 2, 3, 4, 5), (0, 1, 4, 2, 5, 3)
+
+
+@dataclass
+class _Lines:
+    """Lines of one kind: the text after the keyword, and the line number."""
+
+    texts: list[bytes] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+
+    def add(self, text: bytes, number: int) -> None:
+        self.texts.append(text)
+        self.numbers.append(number)
+
+
+@dataclass
+class _Content:
+    vertices: _Lines = field(default_factory=_Lines)
+    edges: _Lines = field(default_factory=_Lines)
+    is_toro: list[bool] = field(default_factory=list)  # of the edges
+    in_loop_section: list[bool] = field(default_factory=list)  # of the edges
+    fixes: _Lines = field(default_factory=_Lines)
+    lasers: _Lines = field(default_factory=_Lines)
+    laser_channel: list[int] = field(default_factory=list)
+    laser_vertex: list[int] = field(default_factory=list)  # which vertex line it follows
+    exact: bool = False
+    sections: bool = False
+
+
+def parse_graph(data: bytes, path: str | Path) -> PoseGraph:
+    """The pose graph in a g2o or TORO file already read; ``path`` is for messages. Raises InputError."""
+    if not data or data.isspace():
+        raise InputError(path, "the file is empty", "name a pose graph")
+    content = _sort_lines(data, path)
+    if not content.vertices.texts:
+        raise InputError(path, "no 2D vertices (VERTEX_SE2 or VERTEX2 lines)", "name a 2D pose graph")
+    vertices = _fields(content.vertices, _VERTEX_FIELDS, path)
+    ids = _whole(vertices[:, 0], content.vertices, path)
+    finder = _Finder(ids, content.vertices, path)
+    edges, measurements, information = _edges(content, finder, path)
+    is_loop = (np.abs(ids[edges[:, 0]] - ids[edges[:, 1]]) != 1) & (np.abs(edges[:, 0] - edges[:, 1]) != 1)
+    if content.exact and content.sections:
+        is_loop = np.array(content.in_loop_section, np.bool_)
+    scans, stamps = _scans(content, len(ids), path)
+    fixed: tuple[int, ...] = (0,)
+    if content.fixes.texts:
+        fixed = tuple(sorted(set(_fixed(content, finder, path))))
+    return PoseGraph(vertices[:, 1:].copy(), ids, edges, measurements, information, is_loop, scans, stamps, fixed)
+
+
+def _sort_lines(data: bytes, path: str | Path) -> _Content:
+    content = _Content()
+    in_loops = False
+    for number, line in enumerate(data.split(b"\n"), 1):
+        words = line[:24].split(None, 1)
+        if not words:
+            continue
+        keyword = words[0]
+        text = line[line.index(keyword) + len(keyword) :]
+        if keyword in VERTEX_TAGS:
+            content.vertices.add(text, number)
+        elif keyword in EDGE_TAGS:
+            content.edges.add(text, number)
+            content.is_toro.append(keyword == b"EDGE2")
+            content.in_loop_section.append(in_loops)
+        elif keyword in _LASERS:
+            if not content.vertices.texts:
+                raise InputError(path, "a scan before the first vertex", "put it after its vertex", number)
+            content.lasers.add(text, number)
+            content.laser_channel.append(_LASERS[keyword])
+            content.laser_vertex.append(len(content.vertices.texts) - 1)
+        elif keyword == b"FIX":
+            content.fixes.add(text, number)
+        elif line.startswith(EXACT_MARK):
+            content.exact = True
+        elif line.startswith((SEQUENTIAL_MARK, LOOP_MARK)):
+            in_loops, content.sections = line.startswith(LOOP_MARK), True
+    return content
+
+
+def _fields(lines: _Lines, names: tuple[str, ...], path: str | Path) -> Float:
+    """The numbers of lines that all have the same fields, shape (k, fields)."""
+    tokens = tokenize(lines.texts)
+    counts = tokens.counts()
+    wrong = counts != len(names)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        what = f"{counts[k]} fields after the keyword instead of {len(names)} ({' '.join(names[:3])} ...)"
+        raise InputError(path, what, MEND, lines.numbers[k])
+    values, valid = parse(tokens)
+    wrong = ~valid | ~(np.abs(values) < np.inf)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        word = ascii(tokens.text(k)[:24].decode("latin-1"))
+        what = f"{names[k % len(names)]} is {word}, not a finite number"
+        raise InputError(path, what, MEND, lines.numbers[k // len(names)])
+    rows = values.reshape(-1, len(names))
+    far = (np.abs(rows[:, :5]) > FARTHEST_M).any(axis=1) if len(names) > 1 else np.zeros(len(rows), np.bool_)
+    if far.any():
+        what = f"a number beyond {FARTHEST_M:g} is no id, place or angle"
+        raise InputError(path, what, MEND, lines.numbers[int(np.argmax(far))])
+    return rows
+
+
+def _whole(values: Float, lines: _Lines, path: str | Path) -> Int:
+    wrong = (values != np.floor(values)) | (np.abs(values) > 2.0**53)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise InputError(path, f"the vertex id {values[k]:g} is not a whole number", MEND, lines.numbers[k])
+    return values.astype(np.int64)
+
+
+class _Finder:
+    """Rows of vertices by their ids."""
+
+    def __init__(self, ids: Int, lines: _Lines, path: str | Path) -> None:
+        self.path = path
+        self.order = np.argsort(ids, kind="stable")
+        self.sorted = ids[self.order]
+        again = np.flatnonzero(np.diff(self.sorted) == 0)
+        if len(again):
+            row = int(self.order[again + 1].min())
+            first = lines.numbers[int(np.argmax(ids == ids[row]))]
+            raise InputError(path, f"vertex {ids[row]} stands already in line {first}", MEND, lines.numbers[row])
+
+    def rows(self, ids: Int, lines: _Lines) -> Int:
+        """The rows of the named vertices; raises InputError for one that is not in the file."""
+        position = np.minimum(np.searchsorted(self.sorted, ids), len(self.sorted) - 1)
+        missing = self.sorted[position] != ids
+        if missing.any():
+            k = int(np.argmax(missing))
+            mend = "add the vertex or remove the line"
+            raise InputError(self.path, f"vertex {ids[k]} is not in the file", mend, lines.numbers[k])
+        return self.order[position]
+
+
+def _edges(content: _Content, finder: _Finder, path: str | Path) -> tuple[Int, Float, Float]:
+    """Rows joined, measurements and information matrices."""
+    lines = content.edges
+    if not lines.texts:
+        return np.zeros((0, 2), np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
+    values = _fields(lines, _EDGE_FIELDS, path)
+    named = np.column_stack([_whole(values[:, k], lines, path) for k in (0, 1)])
+    edges: Int = np.column_stack([finder.rows(named[:, k], lines) for k in (0, 1)])
+    itself = edges[:, 0] == edges[:, 1]
+    if itself.any():
+        k = int(np.argmax(itself))
+        raise InputError(path, f"an edge from vertex {named[k, 0]} to itself", "remove the line", lines.numbers[k])
+    toro = np.array(content.is_toro)
+    six = np.where(toro[:, None], values[:, 5:][:, _TORO_ORDER], values[:, 5:][:, _G2O_ORDER])
+    information = six[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    bad = ~_positive_definite(information)
+    if bad.any():
+        what = "the information matrix is not positive definite"
+        raise InputError(path, what, "check its order and its entries", lines.numbers[int(np.argmax(bad))])
+    return edges, values[:, 2:5].copy(), information
+
+
+def _positive_definite(matrices: Float) -> Bool:
+    """Which of the matrices, shape (m, 3, 3), have a Cholesky factor."""
+    try:
+        np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return np.array([_has_cholesky(matrix) for matrix in matrices], np.bool_)
+    return np.ones(len(matrices), np.bool_)
+
+
+def _has_cholesky(matrix: Float) -> bool:
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def _fixed(content: _Content, finder: _Finder, path: str | Path) -> list[int]:
+    """Rows of the vertices that FIX lines name, of which there may be several in a line."""
+    named = _Lines()
+    for text, number in zip(content.fixes.texts, content.fixes.numbers, strict=True):
+        for word in text.split():
+            named.add(word, number)
+    if not named.texts:
+        raise InputError(path, "FIX names no vertex", MEND, content.fixes.numbers[0])
+    values = _fields(named, ("id",), path)
+    return [int(row) for row in finder.rows(_whole(values[:, 0], named, path), named)]
+
+
+def _scans(content: _Content, nodes: int, path: str | Path) -> tuple[Scans | None, Float | None]:
+    """A scan and a stamp a node: empty and nan where the file has none, None where it has none at all."""
+    if not content.lasers.texts:
+        return None, None
+    owner = np.array(content.laser_vertex)
+    twice = np.flatnonzero(np.diff(owner) == 0)
+    if len(twice):
+        line = content.lasers.numbers[int(twice[0]) + 1]
+        raise InputError(path, "a second scan for one vertex", "leave one scan a vertex", line)
+    rows = _laser_rows(content, path)
+    stamps = np.full(nodes, np.nan)
+    stamps[owner] = rows.stamps_s
+    known = None if np.isnan(stamps).all() else stamps
+    channels = {}
+    for k in np.unique(rows.channel):
+        mine = rows.channel == k
+        channels[int(k)] = Channel(constant_mounting(rows.robot[mine], rows.laser[mine]) or (0.0, 0.0, 0.0))
+    with_readings = np.flatnonzero(rows.counts > 0)
+    if not len(with_readings):
+        return None, known
+    if len(with_readings) < len(rows):
+        rows, owner = rows.select(with_readings), owner[with_readings]
+    scans = build_scans(rows, exact_angles(rows.header[:, [0, 2]]), channels, content.exact)
+    return _spread(scans, owner, nodes), known
+
+
+def _spread(scans: Scans, owner: Int, nodes: int) -> Scans:
+    """The scans given to their nodes, the other nodes with none; they are in the order of the nodes."""
+    counts = np.zeros(nodes, np.int64)
+    counts[owner] = np.diff(scans.offsets)
+    index = np.zeros(nodes, np.int32)
+    index[owner] = scans.geometry_index
+    offsets = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+    geometries: tuple[LaserGeometry, ...] = scans.geometries
+    return Scans(scans.ranges_m, offsets, index, geometries)
+
+
+def _laser_rows(content: _Content, path: str | Path) -> LaserRows:
+    lasers, parts = content.lasers, []
+    for begin in range(0, len(lasers.texts), _LASER_LINES_AT_A_TIME):
+        part = slice(begin, begin + _LASER_LINES_AT_A_TIME)
+        texts, numbers = lasers.texts[part], lasers.numbers[part]
+        rows, odd = parse_laser_lines(ROBOTLASER, texts, numbers, content.laser_channel[part])
+        if odd.bad:
+            k = odd.bad[0]
+            raise InputError(path, explain(ROBOTLASER, texts[k]), MEND, numbers[k])
+        parts.append(rows)
+    return concatenate(parts)
