@@ -1,0 +1,183 @@
+"""Every setting of mapmend: one frozen block a module, the default in the code, units in the names, TOML in and out."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from mapmend.errors import InputError, MapmendError
+
+
+@dataclass(frozen=True)
+class ScanConfig:
+    """Which readings are used, and which neighbours lie on one surface."""
+
+    min_range_m: float = 0.05
+    max_range_m: float = 30.0  # beyond it, the points of a 1 degree laser lie half a metre apart
+    surface_gap: float = 0.1  # neighbouring readings that differ by more than this share of the range are two surfaces
+
+
+@dataclass(frozen=True)
+class GridConfig:
+    """The grids that scans are matched on, and the map that is written."""
+
+    cell_size_m: float = 0.05
+    insert_every_m: float = 0.05
+    insert_every_rad: float = 0.05
+
+
+@dataclass(frozen=True)
+class MatchConfig:
+    """Gauss-Newton on surfaces, and the score."""
+
+    reach_m: float = 0.2
+    half_weight_m: float = 0.1
+    distance_std_m: float = 0.03
+    iterations: int = 12
+    convergence_m: float = 1e-4
+    widening: float = 2.0
+    min_score: float = 0.85  # IGO (2): the share of matched beams of a good estimate
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """The odometry model, IGO (1): standard deviations that grow with the reported motion, above a floor."""
+
+    use_odometry: bool = True
+    translation_std_per_m: float = 0.2
+    translation_std_per_rad: float = 0.05
+    rotation_std_per_rad: float = 0.2
+    rotation_std_per_m: float = 0.1
+    min_translation_std_m: float = 0.02
+    min_rotation_std_rad: float = 0.01
+    hypotheses: int = 30
+
+
+@dataclass(frozen=True)
+class KeyNodeConfig:
+    """Nodes and key-nodes (IGO III-B)."""
+
+    node_every_m: float = 0.25
+    node_every_rad: float = 0.25
+    trajectory_length_m: float = 5.0  # T_l
+    member_length_m: float = (
+        25.0  # how far along graph and trajectory a key-node may be to take part in the global grid
+    )
+    near_m: float = 20.0  # nearer key-nodes are in the global grid, or must be out of it
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """Loop search and its verification (IGO III-C)."""
+
+    enabled: bool = True
+    min_separation_m: float = 10.0  # trajectory between two places that may form a loop
+    gate_quantile: float = 0.99  # of the chi-square distribution with 3 degrees of freedom, IGO (5)
+    view_std_m: float = 2.5  # how far apart two poses may stand and still see the same walls
+    guess_every_m: float = 0.05
+    drift_per_m: float = 0.01  # guards the ellipse against over-confident edges
+    certain_std_m: float = 0.1  # below it (and the next), the prior is good enough for Gauss-Newton alone
+    certain_std_rad: float = 0.05
+    min_score: float = 0.55
+    min_agreement: float = 0.85
+    min_overlap: float = 0.35
+    min_observability: float = 0.05
+    retry_every_m: float = 1.0
+    tie_weight: float = 0.03
+
+
+@dataclass(frozen=True)
+class Config:
+    """All blocks; ``seed`` feeds the hypotheses."""
+
+    scan: ScanConfig = field(default_factory=ScanConfig)
+    grid: GridConfig = field(default_factory=GridConfig)
+    match: MatchConfig = field(default_factory=MatchConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    key_nodes: KeyNodeConfig = field(default_factory=KeyNodeConfig)
+    loops: LoopConfig = field(default_factory=LoopConfig)
+    seed: int = 0
+
+
+def to_dict(config: Config) -> dict[str, Any]:
+    """Plain tables, as TOML and JSON have them."""
+    return asdict(config)
+
+
+def from_dict(tables: dict[str, Any], source: str | None = None) -> Config:
+    """A configuration from plain tables; unknown keys and values of the wrong type raise ``InputError``."""
+    config = Config()
+    blocks = {f.name: f for f in fields(Config)}
+    for name, value in tables.items():
+        if name not in blocks:
+            raise InputError(source, f"unknown key '{name}'", f"known are {', '.join(blocks)}")
+        current = getattr(config, name)
+        if name == "seed":
+            config = replace(config, seed=_checked(source, name, current, value))
+            continue
+        if not isinstance(value, dict):
+            raise InputError(source, f"'{name}' must be a table", f"write [{name}]")
+        known = {f.name for f in fields(current)}
+        for key in value:
+            if key not in known:
+                raise InputError(source, f"unknown key '{name}.{key}'", f"known are {', '.join(sorted(known))}")
+        checked = {k: _checked(source, f"{name}.{k}", getattr(current, k), v) for k, v in value.items()}
+        config = replace(config, **{name: replace(current, **checked)})
+    return config
+
+
+def _checked(source: str | None, name: str, default: Any, value: Any) -> Any:
+    if isinstance(default, bool) or isinstance(value, bool):
+        fits = isinstance(default, bool) and isinstance(value, bool)
+    elif isinstance(default, int):
+        fits = isinstance(value, int) and value >= 0
+    else:
+        fits = isinstance(value, int | float) and math.isfinite(value) and value >= 0
+    if not fits:
+        wanted = "true or false" if isinstance(default, bool) else "a number that is not negative"
+        raise InputError(source, f"'{name}' is {value!r}", f"give {wanted}")
+    return float(value) if isinstance(default, float) else value
+
+
+def read_toml(path: str | Path) -> Config:
+    """A configuration file; keys that are not there keep their defaults."""
+    try:
+        with open(path, "rb") as stream:
+            return from_dict(tomllib.load(stream), str(path))
+    except OSError as error:
+        raise InputError(path, f"can't be read ({error.strerror})", "check the path") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, f"is not TOML ({error})", "mend that line") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, "is not text", "give a TOML file") from error
+
+
+def to_toml(config: Config) -> str:
+    """The text that `read_toml` reads back."""
+    lines = [f"seed = {config.seed}"]
+    for name, table in to_dict(config).items():
+        if isinstance(table, dict):
+            lines += ["", f"[{name}]"]
+            lines += [
+                f"{key} = {str(value).lower() if isinstance(value, bool) else value}" for key, value in table.items()
+            ]
+    return "\n".join(lines) + "\n"
+
+
+__all__ = [
+    "Config",
+    "GridConfig",
+    "KeyNodeConfig",
+    "LoopConfig",
+    "MapmendError",
+    "MatchConfig",
+    "MotionConfig",
+    "ScanConfig",
+    "from_dict",
+    "read_toml",
+    "to_dict",
+    "to_toml",
+]

@@ -1,0 +1,64 @@
+"""The global grid M_g that scans are tracked on, and which key-nodes take part in it.
+
+The paper's M_g holds the whole map. Where the robot comes back with drift, that would show every wall twice until the
+loop has closed. Here M_g holds the key-nodes whose relation to the robot is known well: those within a length of the
+current one along the trajectory, verified loops counting as no way at all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapmend.config import Config
+from mapmend.front_end.key_nodes import KeyNodes
+from mapmend.front_end.state import GraphState
+from mapmend.grid.surface import SurfaceGrid
+
+ORIGIN = np.zeros(3)
+
+
+class GlobalGrid:
+    """The grid, and the key-nodes whose scans are in it."""
+
+    def __init__(self, state: GraphState, key_nodes: KeyNodes, config: Config) -> None:
+        self.grid = SurfaceGrid(config.grid.cell_size_m)
+        self._state = state
+        self._key_nodes = key_nodes
+        self._config = config
+        self._contents: set[int] = set()
+
+    def members(self) -> dict[int, float]:
+        """The key-nodes that should take part now, and how far along links they are."""
+        return self._key_nodes.distances(self._key_nodes.last, self._config.key_nodes.member_length_m)
+
+    def refresh(self) -> None:
+        """After a key-node was opened or linked: lets in who is known now, and turns out who is not and in the way."""
+        members = set(self.members())
+        strangers = [k for k in self._contents - members if self._is_near(k)]
+        if strangers:
+            self.rebuild()
+            return
+        for k in sorted(members - self._contents):
+            if k == self._key_nodes.last:
+                self._contents.add(k)  # its scans are being inserted one by one
+            elif self._is_near(k):
+                self._insert(k)
+
+    def rebuild(self) -> None:
+        """Builds the grid anew from its members' scans where the optimizer put them."""
+        self.grid.clear()
+        self._contents = set()
+        for k in sorted(self.members()):
+            if k == self._key_nodes.last or self._is_near(k):
+                self._insert(k)
+
+    def _insert(self, k: int) -> None:
+        row = self._key_nodes.rows[k]
+        self._key_nodes.insert_nodes(self.grid, range(row.first, row.end), ORIGIN)
+        self._contents.add(k)
+
+    def _is_near(self, k: int) -> bool:
+        row = self._key_nodes.rows[k]
+        here = self._state.node_pose[self._state.last]
+        poses = self._state.node_pose[row.first : row.end]
+        return bool((np.hypot(poses[:, 0] - here[0], poses[:, 1] - here[1]) < self._config.key_nodes.near_m).any())

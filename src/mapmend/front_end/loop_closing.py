@@ -1,0 +1,216 @@
+"""Loop search: distance, gate, interpolated guesses, the best match, its verification. IGO section III-C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from mapmend.config import Config
+from mapmend.front_end.key_nodes import KeyNodes
+from mapmend.front_end.points import ScanPoints
+from mapmend.front_end.state import Float, GraphState, LoopEdge
+from mapmend.geometry import se2
+from mapmend.graph.marginals import marginals, relative_covariances
+from mapmend.graph.system import Factorization
+from mapmend.matching.correlative import Region, search
+from mapmend.matching.gauss_newton import Match, SurfaceMatcher, prior_at
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The last optimization: its factor, the poses and marginals (n, 3), (n, 3, 3) of the nodes that it had."""
+
+    factorization: Factorization
+    poses: Float
+    covariances: Float
+
+    @classmethod
+    def from_factor(cls, factorization: Factorization, poses: Float) -> Solved:
+        return cls(factorization, poses, marginals(factorization))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A key-node that the newest node may have come back to: its nearest node, and how far along links it is."""
+
+    key_node: int
+    nearest: int
+    linked_m: float  # inf where no verified way leads there
+
+
+class LoopSearch:
+    """Looks for loops of the newest node."""
+
+    def __init__(
+        self, state: GraphState, key_nodes: KeyNodes, points: ScanPoints, matcher: SurfaceMatcher, config: Config
+    ) -> None:
+        self._state = state
+        self._key_nodes = key_nodes
+        self._points = points
+        self._matcher = matcher
+        self._config = config
+        self._gate = float(chi2.ppf(config.loops.gate_quantile, 3))
+        self._tried_at_m: dict[tuple[int, int], float] = {}
+        self.solved: Solved | None = None
+        self.attempts = 0
+
+    def find(self) -> list[LoopEdge]:
+        """The verified loop edges of the newest node: at most one to a known and one to an unlinked key-node."""
+        linked = self._key_nodes.distances(self._key_nodes.last, self._config.key_nodes.member_length_m)
+        candidates = self._candidates(linked)
+        edges = []
+        for candidate in [c for c in candidates if c.key_node in linked][:1]:
+            edge = self._match_known(candidate)
+            if edge is not None:
+                edges.append(edge)
+        for candidate in [c for c in candidates if c.key_node not in linked]:
+            edge = self._match_uncertain(candidate)
+            if edge is not None:
+                edges.append(edge)
+                break
+        return edges
+
+    def _candidates(self, linked: dict[int, float]) -> list[Candidate]:
+        """Key-nodes within T_l (and the drift that may have built up), nearest first."""
+        state, loops = self._state, self._config.loops
+        here = state.node_pose[state.last]
+        path = state.node_path_m[: state.count]
+        old = int(np.searchsorted(path, path[-1] - loops.min_separation_m))
+        if old == 0:
+            return []
+        distance = np.hypot(state.node_pose[:old, 0] - here[0], state.node_pose[:old, 1] - here[1])
+        reach = self._config.key_nodes.trajectory_length_m
+        drift = 3.0 * loops.drift_per_m * (path[-1] - path[:old])
+        rows = np.nonzero(distance < reach + np.minimum(drift, 2.0 * reach))[0]
+        found: dict[int, Candidate] = {}
+        for row in rows[np.argsort(distance[rows], kind="stable")]:
+            k = int(self._key_nodes.of_node[row])
+            if k not in found and (k not in linked or distance[row] < reach):
+                found[k] = Candidate(k, int(row), linked.get(k, np.inf))
+        return list(found.values())
+
+    def _match_known(self, candidate: Candidate) -> LoopEdge | None:
+        """A key-node whose place is known well: the pose itself is guess enough."""
+        loops = self._config.loops
+        covariance = np.diag([loops.certain_std_m**2, loops.certain_std_m**2, loops.certain_std_rad**2])
+        predicted = self._pose_from(candidate.key_node)
+        local = self._key_nodes.local_grid(candidate.key_node)
+        points = self._points.of(int(self._state.node_scan[self._state.last]))
+        match = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
+        step = se2.between(predicted, match.pose)
+        moved = max(np.hypot(step[0], step[1]) / loops.certain_std_m, abs(step[2]) / loops.certain_std_rad)
+        if match.score < loops.min_score or moved > 3.0:
+            return None
+        return self._edge(candidate, match)
+
+    def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
+        """A key-node that drift separates from here: gate, guesses along the way, search, refinement, verification."""
+        state, loops = self._state, self._config.loops
+        pair = (candidate.key_node, self._key_nodes.last)
+        path = float(state.node_path_m[state.last])
+        if path - self._tried_at_m.get(pair, -np.inf) < loops.retry_every_m:
+            return None
+        covariance = self._relative_covariance(candidate)
+        if not self._passes_gate(candidate, covariance):
+            return None
+        self._tried_at_m[pair] = path
+        self.attempts += 1
+        predicted = self._pose_from(candidate.key_node)
+        region = self._region(predicted, covariance)
+        points = self._points.of(int(state.node_scan[state.last]))
+        found = search(self._key_nodes.likelihood(candidate.key_node), points, region, 0.5 * loops.min_score)
+        if found is None:
+            return None
+        local = self._key_nodes.local_grid(candidate.key_node)
+        prior = prior_at(found[0], covariance)
+        match = self._matcher.match(local.grid, points, found[0], prior)
+        if match.score < loops.min_score or not self._is_verified(candidate, match):
+            return None
+        return self._edge(candidate, match)
+
+    def _pose_from(self, key_node: int) -> Float:
+        """Where the newest node is believed to be in the frame of a key-node's local grid."""
+        anchor = self._key_nodes.rows[key_node].first
+        return se2.between(self._state.node_pose[anchor], self._state.node_pose[self._state.last])
+
+    def _relative_covariance(self, candidate: Candidate) -> Float:
+        """S of IGO (4), in the frame of the newest node: exact from the last factor, along the chain since.
+
+        A guard is added against over-confident edges: a drift in proportion to the way travelled.
+        """
+        state, solved = self._state, self.solved
+        node = candidate.nearest
+        if solved is None or node >= len(solved.poses):
+            covariance = state.chain_covariance(node, state.last)
+        else:
+            newest = len(solved.poses) - 1
+            first = relative_covariances(
+                solved.factorization, solved.poses, solved.covariances, newest, np.array([node])
+            )[0]
+            T_newest_last = se2.between(state.node_pose[newest], state.node_pose[state.last])
+            covariance = se2.compose_covariance(first, T_newest_last, state.chain_covariance(newest, state.last))
+        way = float(state.node_path_m[state.last] - state.node_path_m[node])
+        drift = self._config.loops.drift_per_m * way
+        # The drift's lever: a heading error of drift / way carries the far end off by drift.
+        guard = np.diag([drift**2, drift**2, (self._config.loops.drift_per_m * min(way, 30.0) / 3.0) ** 2])
+        return np.asarray(covariance + guard)
+
+    def _passes_gate(self, candidate: Candidate, covariance: Float) -> bool:
+        """IGO (5) with the inverse where it belongs, and with room for two poses that see the same walls from apart."""
+        state, loops = self._state, self._config.loops
+        error = se2.between(state.node_pose[candidate.nearest], state.node_pose[state.last])
+        # The error, as a motion at the newest node; whichever way the two look, they may see the same walls.
+        step = -se2.inverse(error)
+        view = np.diag([loops.view_std_m**2, loops.view_std_m**2, np.pi**2])
+        return bool(step @ np.linalg.solve(covariance + view, step) < self._gate)
+
+    def _region(self, predicted: Float, covariance: Float) -> Region:
+        """Guesses every 5 cm towards the key-node, cut at the covariance ellipse; the discs fill its breadth."""
+        loops = self._config.loops
+        cos, sin = np.cos(predicted[2]), np.sin(predicted[2])
+        turn = np.array([[cos, -sin], [sin, cos]])
+        ellipse = turn @ covariance[:2, :2] @ turn.T
+        values, vectors = np.linalg.eigh(ellipse)
+        most = 2.0 * self._config.key_nodes.trajectory_length_m
+        long_axis = vectors[:, 1]
+        half_length = min(3.0 * float(np.sqrt(values[1])), most)
+        length = float(np.hypot(predicted[0], predicted[1]))
+        along = np.arange(0.0, length, loops.guess_every_m)[:, None] * (-predicted[:2] / max(length, 1e-9))
+        axis = np.arange(-half_length, half_length, loops.guess_every_m)[:, None] * long_axis
+        steps = np.concatenate((np.zeros((1, 2)), along, axis))
+        inside = np.einsum("ni,ij,nj->n", steps, np.linalg.inv(ellipse), steps) <= 9.0
+        radius = float(np.clip(3.0 * np.sqrt(values[0]), self._config.match.reach_m, most))
+        angle = float(np.clip(3.0 * np.sqrt(covariance[2, 2]), 0.05, 0.6))
+        return Region(predicted, predicted[:2] + steps[inside], radius, angle, loops.tie_weight)
+
+    def _is_verified(self, candidate: Candidate, match: Match) -> bool:
+        """Whether the whole last stretch of trajectory, not this scan alone, agrees with the key-node's grid there."""
+        loops = self._config.loops
+        local = self._key_nodes.local_grid(candidate.key_node)
+        points = self._recent_points()
+        matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
+        seen = matched + contradicted
+        if seen < loops.min_overlap * len(points) or matched < loops.min_agreement * seen:
+            return False
+        weakest = float(np.linalg.eigvalsh(match.normal_matrix[:2, :2])[0])
+        return weakest >= loops.min_observability * match.matched
+
+    def _recent_points(self) -> Float:
+        """The points of the nodes of the last T_l metres, thinned, in the frame of the newest node."""
+        state = self._state
+        path = state.node_path_m[: state.count]
+        first = int(np.searchsorted(path, path[-1] - self._config.key_nodes.trajectory_length_m))
+        parts = []
+        for node in range(first, state.count):
+            pose = se2.between(state.node_pose[state.last], state.node_pose[node])
+            points = self._points.of(int(state.node_scan[node]))[::3]
+            normals = se2.transform_points(np.array([0.0, 0.0, pose[2]]), points[:, 2:])
+            parts.append(np.concatenate((se2.transform_points(pose, points[:, :2]), normals), axis=1))
+        return np.ascontiguousarray(np.concatenate(parts))
+
+    def _edge(self, candidate: Candidate, match: Match) -> LoopEdge:
+        anchor = self._key_nodes.rows[candidate.key_node].first
+        information = match.information(self._config.match.distance_std_m)
+        return LoopEdge(anchor, self._state.last, match.pose, information)

@@ -1,0 +1,40 @@
+"""The points of a log's scans, with normals, in the robot's frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.config import ScanConfig
+from mapmend.grid import _kernels
+from mapmend.scan import Scans
+
+Float = NDArray[np.float64]
+
+
+class ScanPoints:
+    """Projects scans when asked: a scan costs some microseconds, all scans of a long log would cost its memory."""
+
+    def __init__(self, scans: Scans, config: ScanConfig) -> None:
+        self._scans = scans
+        self._lasers = [
+            (
+                np.cos(g.bearings_rad()),
+                np.sin(g.bearings_rad()),
+                np.array(g.T_robot_laser, dtype=np.float64),
+                np.array([config.min_range_m, min(config.max_range_m, g.max_range_m), config.surface_gap]),
+            )
+            for g in scans.geometries
+        ]
+        most = max((g.beam_count for g in scans.geometries), default=0)
+        self._room = np.zeros((most, 4))
+
+    def of(self, k: int) -> Float:
+        """The returns of scan k: x, y, normal x, normal y; shape (n, 4). The next call overwrites it."""
+        cosines, sines, mounting, limits = self._lasers[self._scans.geometry_index[k]]
+        count = _kernels.project_scan(self._scans.ranges_of(k), cosines, sines, limits, mounting, self._room)
+        return self._room[:count]
+
+    def laser_origin(self, k: int) -> Float:
+        """Where the laser of scan k stands on the robot, shape (3,)."""
+        return self._lasers[self._scans.geometry_index[k]][2]

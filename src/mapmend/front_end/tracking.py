@@ -1,0 +1,76 @@
+"""Where each scan is: predicted by odometry, matched on the global grid, searched for where in doubt. IGO III-A."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapmend.config import Config
+from mapmend.front_end.motion import draw_hypotheses, odometry_covariance
+from mapmend.front_end.state import Float
+from mapmend.geometry import se2
+from mapmend.grid.likelihood import likelihood_field
+from mapmend.grid.surface import SurfaceGrid
+from mapmend.matching.correlative import Region, search
+from mapmend.matching.gauss_newton import Match, SurfaceMatcher, prior_at
+
+# Below this many points a scan says too little to contradict the odometry.
+FEWEST_POINTS = 20
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """One scan's match and whether hypotheses were needed for it."""
+
+    match: Match
+    searched: bool
+
+
+class Tracker:
+    """Follows the robot from scan to scan on a grid."""
+
+    def __init__(self, matcher: SurfaceMatcher, config: Config) -> None:
+        self._matcher = matcher
+        self._config = config
+        self._random = np.random.default_rng(config.seed)
+
+    def track(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float) -> Tracked:
+        """Finds a scan, ``points`` (n, 4), that the odometry puts at ``before * motion``; poses of shape (3,)."""
+        predicted = se2.compose(before, motion)
+        covariance = odometry_covariance(motion, self._config.motion)
+        prior = prior_at(predicted, covariance)
+        match = self._matcher.match(grid, points, predicted, prior)
+        if not self._is_doubtful(match, len(points)):
+            return Tracked(match, searched=False)
+        hypotheses = self._hypotheses(before, predicted, covariance)
+        found = self._best_of(grid, points, hypotheses, predicted, prior, match)
+        return Tracked(found, searched=True)
+
+    def _is_doubtful(self, match: Match, points: int) -> bool:
+        return points >= FEWEST_POINTS and match.score < self._config.match.min_score
+
+    def _hypotheses(self, before: Float, predicted: Float, covariance: Float) -> Float:
+        """Draws from the odometry model; with them the prediction itself and the robot that did not move."""
+        drawn = draw_hypotheses(predicted, covariance, self._config.motion.hypotheses, self._random)
+        return np.concatenate((predicted[None], before[None], drawn))
+
+    def _best_of(
+        self, grid: SurfaceGrid, points: Float, hypotheses: Float, predicted: Float, prior: Float, first: Match
+    ) -> Match:
+        """The correlative search over all hypotheses, refined; ``first`` stays unless something scores better."""
+        config = self._config
+        reach = float(np.hypot(*(hypotheses[:, :2] - predicted[:2]).T).max())
+        field = likelihood_field(
+            grid, config.match.half_weight_m, (predicted[0], predicted[1]), config.scan.max_range_m + reach
+        )
+        turn = float(np.abs(se2.wrap_angle(hypotheses[:, 2] - predicted[2])).max())
+        region = Region(predicted, hypotheses[:, :2], config.match.reach_m, turn, config.loops.tie_weight)
+        found = search(field, points, region, 0.0)
+        if found is None:
+            return first
+        refined = self._matcher.match(grid, points, found[0], prior)
+        # A share of matched beams is a binomial count: better means by more than its own noise.
+        noise = math.sqrt(max(first.score * (1.0 - first.score), 0.01) / len(points))
+        return refined if refined.score > first.score + noise else first

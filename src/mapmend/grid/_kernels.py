@@ -1,0 +1,210 @@
+"""Kernels of the surface grid: arrays in, arrays out. Their plain twins stand in tests/reference.
+
+A grid is a table of tiles: ``table[row, column]`` names a tile of TILE x TILE cells, or -1; ``frame`` = (tiles in use,
+the table's first tile row, its first tile column). Cell arrays are flat over
+tiles; a cell's number is ``tile * TILE**2 + row_in_tile * TILE + column_in_tile``.
+``surface[cell]`` = mean x, mean y, mean normal x, mean normal y of the returns in the cell (metres in the grid's
+frame; the normals look towards the sensor). ``counts[cell]`` = returns, passes. ``nearest[cell]`` = the number of the
+occupied cell whose mean lies nearest to this cell's centre, within REACH cells, or -1.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+TILE_BITS = 5
+TILE = 1 << TILE_BITS
+TILE_MASK = TILE - 1
+TILE_CELLS = TILE * TILE
+REACH = 6
+# The mean of a cell forgets beyond this many returns, so that a map can still follow a door that moved.
+MEAN_MEMORY = 40
+# A cell through which this many times more beams passed than ended in it is free (glass edges, people who left).
+PASSES_PER_RETURN = 3
+
+
+@njit(cache=True, nogil=True)
+def project_scan(ranges, cosines, sines, limits, mounting, points):
+    """Returns of one scan as points with normals in the robot's frame: rows (x, y, normal x, normal y, k).
+
+    ``limits`` = (shortest, longest usable range, largest gap between neighbours on one surface relative to range).
+    The normal is that of the chord between the two neighbouring beams, towards the laser; (0, 0) where they are apart.
+    Returns the number of rows written.
+    """
+    count = 0
+    beams = ranges.shape[0]
+    cos_m, sin_m = math.cos(mounting[2]), math.sin(mounting[2])
+    for k in range(beams):
+        r = float(ranges[k])
+        if not (limits[0] <= r <= limits[1]):
+            continue
+        x, y = r * cosines[k], r * sines[k]
+        nx, ny = 0.0, 0.0
+        if 0 < k < beams - 1:
+            before, after = float(ranges[k - 1]), float(ranges[k + 1])
+            gap = limits[2] * r + 0.03
+            if abs(before - r) < gap and abs(after - r) < gap:
+                tx = after * cosines[k + 1] - before * cosines[k - 1]
+                ty = after * sines[k + 1] - before * sines[k - 1]
+                length = math.sqrt(tx * tx + ty * ty)
+                if length > 1e-6:
+                    nx, ny = -ty / length, tx / length
+                    if nx * x + ny * y > 0.0:
+                        nx, ny = -nx, -ny
+        points[count, 0] = mounting[0] + cos_m * x - sin_m * y
+        points[count, 1] = mounting[1] + sin_m * x + cos_m * y
+        points[count, 2] = cos_m * nx - sin_m * ny
+        points[count, 3] = sin_m * nx + cos_m * ny
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def cell_at(table, frame, row, column):
+    """The number of a cell, or -1 where no tile is."""
+    row -= frame[1] * TILE
+    column -= frame[2] * TILE
+    if row < 0 or column < 0:
+        return -1
+    tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
+    if tile_row >= table.shape[0] or tile_column >= table.shape[1]:
+        return -1
+    tile = table[tile_row, tile_column]
+    if tile < 0:
+        return -1
+    return tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
+
+
+@njit(cache=True, nogil=True)
+def _claim(table, frame, row, column):
+    """The number of a cell, its tile taken into use where it was not; -1 outside the table."""
+    row -= frame[1] * TILE
+    column -= frame[2] * TILE
+    if row < 0 or column < 0:
+        return -1
+    tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
+    if tile_row >= table.shape[0] or tile_column >= table.shape[1]:
+        return -1
+    tile = table[tile_row, tile_column]
+    if tile < 0:
+        tile = frame[0]
+        frame[0] += 1
+        table[tile_row, tile_column] = tile
+    return tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
+
+
+@njit(cache=True, nogil=True)
+def _announce(table, frame, surface, nearest, cell, row, column, size):
+    """A cell became occupied: it is the nearest of those around it whose nearest is farther."""
+    mx, my = surface[cell, 0], surface[cell, 1]
+    for r in range(row - REACH, row + REACH + 1):
+        for c in range(column - REACH, column + REACH + 1):
+            other = _claim(table, frame, r, c)
+            if other < 0:
+                continue
+            cx, cy = (c + 0.5) * size, (r + 0.5) * size
+            old = nearest[other]
+            if old >= 0:
+                ox, oy = surface[old, 0] - cx, surface[old, 1] - cy
+                if ox * ox + oy * oy <= (mx - cx) ** 2 + (my - cy) ** 2:
+                    continue
+            nearest[other] = cell
+
+
+@njit(cache=True, nogil=True)
+def _withdraw(table, frame, surface, counts, nearest, cell, row, column, size):
+    """A cell became free: those around it that pointed at it look for the next nearest."""
+    for r in range(row - REACH, row + REACH + 1):
+        for c in range(column - REACH, column + REACH + 1):
+            other = cell_at(table, frame, r, c)
+            if other < 0 or nearest[other] != cell:
+                continue
+            best, best_d = -1, 1e18
+            cx, cy = (c + 0.5) * size, (r + 0.5) * size
+            for rr in range(r - REACH, r + REACH + 1):
+                for cc in range(c - REACH, c + REACH + 1):
+                    candidate = cell_at(table, frame, rr, cc)
+                    if candidate < 0 or candidate == cell or counts[candidate, 0] == 0:
+                        continue
+                    d = (surface[candidate, 0] - cx) ** 2 + (surface[candidate, 1] - cy) ** 2
+                    if d < best_d:
+                        best, best_d = candidate, d
+            nearest[other] = best
+
+
+@njit(cache=True, nogil=True)
+def _pass_through(table, frame, arrays, x0, y0, x1, y1, size):
+    """Counts a pass in every cell from (x0, y0) up to, not including, the last two cells before (x1, y1)."""
+    surface, counts, nearest = arrays
+    column, row = int(math.floor(x0 / size)), int(math.floor(y0 / size))
+    last_column, last_row = int(math.floor(x1 / size)), int(math.floor(y1 / size))
+    dx, dy = x1 - x0, y1 - y0
+    step_c, step_r = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    delta_c = size / abs(dx) if dx != 0.0 else 1e18
+    delta_r = size / abs(dy) if dy != 0.0 else 1e18
+    next_c = ((column + (1 if dx > 0 else 0)) * size - x0) / dx if dx != 0.0 else 1e18
+    next_r = ((row + (1 if dy > 0 else 0)) * size - y0) / dy if dy != 0.0 else 1e18
+    remaining = abs(last_column - column) + abs(last_row - row) - 2
+    tile_row, tile_column, first = -(1 << 40), -(1 << 40), -1
+    while remaining > 0:
+        if row >> TILE_BITS != tile_row or column >> TILE_BITS != tile_column:
+            tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
+            first = _claim(table, frame, tile_row * TILE, tile_column * TILE)
+        if first >= 0:
+            cell = first + (row & TILE_MASK) * TILE + (column & TILE_MASK)
+            counts[cell, 1] += 1
+            if 0 < counts[cell, 0] * PASSES_PER_RETURN < counts[cell, 1]:
+                counts[cell, 0] = 0
+                _withdraw(table, frame, surface, counts, nearest, cell, row, column, size)
+        if next_c < next_r:
+            next_c += delta_c
+            column += step_c
+        else:
+            next_r += delta_r
+            row += step_r
+        remaining -= 1
+
+
+@njit(cache=True, nogil=True)
+def insert_points(table, frame, arrays, points, origin, pose, settings):
+    """One scan's points (robot frame) into the grid at ``pose`` (grid frame, metres from the corner).
+
+    ``origin`` = the laser's place on the robot; ``settings`` = (cell size, first beam and stride of those that clear).
+    The caller made sure that tiles enough are left.
+    """
+    size = settings[0]
+    surface, counts, nearest = arrays
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    ox = pose[0] + cos * origin[0] - sin * origin[1]
+    oy = pose[1] + sin * origin[0] + cos * origin[1]
+    for k in range(int(settings[1]), points.shape[0], int(settings[2])):
+        x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
+        y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
+        _pass_through(table, frame, arrays, ox, oy, x, y, size)
+    for k in range(points.shape[0]):
+        x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
+        y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
+        nx = cos * points[k, 2] - sin * points[k, 3]
+        ny = sin * points[k, 2] + cos * points[k, 3]
+        row, column = int(math.floor(y / size)), int(math.floor(x / size))
+        cell = _claim(table, frame, row, column)
+        if cell < 0:
+            continue
+        counts[cell, 0] += 1
+        hits = counts[cell, 0]
+        if hits == 1:
+            surface[cell, 0], surface[cell, 1] = x, y
+            surface[cell, 2], surface[cell, 3] = nx, ny
+            _announce(table, frame, surface, nearest, cell, row, column, size)
+        else:
+            share = 1.0 / min(hits, MEAN_MEMORY)
+            surface[cell, 0] += share * (x - surface[cell, 0])
+            surface[cell, 1] += share * (y - surface[cell, 1])
+            surface[cell, 2] += share * (nx - surface[cell, 2])
+            surface[cell, 3] += share * (ny - surface[cell, 3])
+            if hits > 2 * MEAN_MEMORY:
+                # Halving both keeps old evidence from outweighing what is there now.
+                counts[cell, 0] = MEAN_MEMORY
+                counts[cell, 1] //= 2

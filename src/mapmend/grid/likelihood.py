@@ -1,0 +1,83 @@
+"""The likelihood of a return in every cell of a part of a grid, and its pyramid of upper bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.grid import _kernels
+from mapmend.grid.surface import SurfaceGrid
+
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class LikelihoodField:
+    """``levels``: uint8 arrays in cells of 1, 2, 4, 8 times ``cell_size_m``; 255 is a certain return.
+
+    Cell (row, column) of the finest level covers ``origin + (column, row) * cell_size_m`` onwards (metres, grid frame).
+    A cell of level h bounds what any finest cell from its corner on over twice its width could score, so that one look-up
+    bounds all whole-cell offsets that begin in one block.
+    """
+
+    levels: tuple[Bytes, Bytes, Bytes, Bytes]
+    origin: tuple[float, float]
+    cell_size_m: float
+
+
+def likelihood_field(
+    grid: SurfaceGrid, std_m: float, centre: tuple[float, float] | None = None, radius_m: float = np.inf
+) -> LikelihoodField:
+    """The field of the tiles that touch the square of ``radius_m`` about ``centre`` (all, by default).
+
+    A cell's likelihood is ``exp(-d^2 / (2 std_m^2))`` with d from its centre to the nearest surface within reach.
+    """
+    size, tile = grid.cell_size_m, _kernels.TILE
+    row0, column0 = int(grid.frame[1]), int(grid.frame[2])
+    rows, columns = grid.table.shape
+    if centre is not None and np.isfinite(radius_m):
+        span = tile * size
+        first_c = max(int((centre[0] - radius_m) // span) - column0, 0)
+        last_c = min(int((centre[0] + radius_m) // span) - column0 + 1, columns)
+        first_r = max(int((centre[1] - radius_m) // span) - row0, 0)
+        last_r = min(int((centre[1] + radius_m) // span) - row0 + 1, rows)
+    else:
+        first_r, last_r, first_c, last_c = 0, rows, 0, columns
+    part = grid.table[first_r : max(last_r, first_r), first_c : max(last_c, first_c)]
+    used_r, used_c = np.nonzero(part >= 0)
+    if len(used_r) == 0:
+        empty = np.zeros((1, 1), np.uint8)
+        return LikelihoodField((empty, empty, empty, empty), (0.0, 0.0), size)
+    # One empty tile before the first: offsets that begin outside must still see, in the bounds, what they reach.
+    low_r, low_c = int(used_r.min()) - 1, int(used_c.min()) - 1
+    shape = (int(used_r.max()) - low_r + 1, int(used_c.max()) - low_c + 1)
+    finest = np.zeros((shape[0], tile, shape[1], tile), np.uint8)
+    surface, _, nearest = grid.arrays
+    local = (np.arange(tile) + 0.5) * size
+    tiles = part[used_r, used_c]
+    sources = nearest.reshape(-1, tile, tile)[tiles]
+    x = ((used_c + first_c + column0) * tile * size)[:, None, None] + local[None, None, :]
+    y = ((used_r + first_r + row0) * tile * size)[:, None, None] + local[None, :, None]
+    means = surface[sources, :2]
+    squared = (means[..., 0] - x) ** 2 + (means[..., 1] - y) ** 2
+    values = np.where(sources >= 0, 255.0 * np.exp(-squared / (2.0 * std_m**2)), 0.0)
+    finest[used_r - low_r, :, used_c - low_c, :] = np.rint(values).astype(np.uint8)
+    level = finest.reshape(shape[0] * tile, shape[1] * tile)
+    levels = [level]
+    for height in (1, 2, 3):
+        levels.append(_bound(level, 1 << height))
+    origin = ((first_c + low_c + column0) * tile * size, (first_r + low_r + row0) * tile * size)
+    return LikelihoodField((levels[0], levels[1], levels[2], levels[3]), origin, size)
+
+
+def _bound(level: Bytes, width: int) -> Bytes:
+    """The maximum over two blocks of ``width`` in each direction, from the block's corner on."""
+    rows, columns = level.shape
+    blocks = level.reshape(rows // width, width, columns // width, width).max(axis=(1, 3))
+    wide = blocks.copy()
+    wide[:, :-1] = np.maximum(wide[:, :-1], blocks[:, 1:])
+    tall = wide.copy()
+    tall[:-1] = np.maximum(tall[:-1], wide[1:])
+    return tall

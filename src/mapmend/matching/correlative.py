@@ -1,0 +1,70 @@
+"""Correlative scan matching: the best-scoring pose of a whole region, for where there is doubt (IGO's [17], Olson 2009)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.grid.likelihood import LikelihoodField
+from mapmend.matching import _kernels
+
+Float = NDArray[np.float64]
+
+BLOCK = 8  # cells of the coarsest level
+MOST_POINTS = 120
+# Beyond this range a point's move under a small turn is left to the refinement.
+ANGLE_RANGE_M = 10.0
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where to look: discs of ``radius_m`` about ``guesses`` (n, 2), angles within ``angle_rad`` of the prior's.
+
+    Scores within ``tie_weight`` of each other are ties and go to the pose nearest ``prior`` (3,).
+    """
+
+    prior: Float
+    guesses: Float
+    radius_m: float
+    angle_rad: float
+    tie_weight: float
+
+
+def search(field: LikelihoodField, points: Float, region: Region, score_to_beat: float) -> tuple[Float, float] | None:
+    """The best pose (3,) and its score, or None where none beats ``score_to_beat``; ``points`` (n, 4), robot frame.
+
+    Whole cells and angles at which a point ten metres away moves by a cell: to be refined below the cell size.
+    """
+    size = field.cell_size_m
+    points = points[:: max(1, len(points) // MOST_POINTS)]
+    if len(points) == 0:
+        return None
+    prior = region.prior
+    centre = (prior[:2] - np.array(field.origin)) / size
+    step = size / ANGLE_RANGE_M
+    half = math.ceil(region.angle_rad / step)
+    thetas = prior[2] + step * np.arange(-half, half + 1)
+    offsets, reach = _blocks((region.guesses - prior[:2]) / size, region.radius_m / size)
+    settings = np.array(
+        [size, score_to_beat, region.tie_weight, 0.0, 0.0, prior[2], max(reach, 1.0), max(region.angle_rad, step)]
+    )
+    best = np.zeros(4)
+    _kernels.search_poses(field.levels, points, centre, thetas, offsets, settings, best)
+    if not best[0] > score_to_beat:
+        return None
+    pose = np.array([prior[0] + best[1] * size, prior[1] + best[2] * size, best[3]])
+    return pose, float(best[0])
+
+
+def _blocks(guesses: Float, radius: float) -> tuple[NDArray[np.int64], float]:
+    """The 8 x 8 blocks of whole-cell offsets that any disc touches, shape (m, 2), and the farthest offset, in cells."""
+    reach = math.ceil(radius / BLOCK)
+    near = np.arange(-reach, reach + 1)
+    around = np.stack(np.meshgrid(near, near), axis=-1).reshape(-1, 2)
+    around = around[np.hypot(around[:, 0], around[:, 1]) <= reach + 0.5]
+    blocks = np.unique(np.floor(guesses / BLOCK).astype(np.int64), axis=0)
+    every = np.unique((blocks[:, None, :] + around[None, :, :]).reshape(-1, 2), axis=0) * BLOCK
+    return np.ascontiguousarray(every, dtype=np.int64), float(np.hypot(every[:, 0], every[:, 1]).max())

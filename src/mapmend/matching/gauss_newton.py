@@ -1,0 +1,93 @@
+"""A few Gauss-Newton steps of a scan on the surfaces of a grid: the matcher for where there is no doubt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.config import MatchConfig
+from mapmend.grid.surface import SurfaceGrid
+from mapmend.matching import _kernels
+
+Float = NDArray[np.float64]
+
+NO_PRIOR = np.zeros((4, 3))
+
+
+@dataclass(frozen=True)
+class Match:
+    """Where a scan was found: ``pose`` (3,), the share of its points that found their counterpart, and how firmly.
+
+    ``normal_matrix`` (3, 3): of the squared distances along the surfaces' normals, in the axes of the grid.
+    ``residual_std_m``: of those distances.
+    """
+
+    pose: Float
+    score: float
+    matched: int
+    normal_matrix: Float
+    residual_std_m: float
+
+    def information(self, min_std_m: float) -> Float:
+        """``normal_matrix`` over the residual variance, in the pose's own frame, shape (3, 3): Hessian method of [2].
+
+        The variance is that of the residuals, at least ``min_std_m`` squared.
+        """
+        cos, sin = np.cos(self.pose[2]), np.sin(self.pose[2])
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return np.asarray(turn.T @ self.normal_matrix @ turn / max(self.residual_std_m, min_std_m) ** 2)
+
+
+class SurfaceMatcher:
+    """Matches scans on grids with one set of settings; keeps its small work arrays between calls."""
+
+    def __init__(self, config: MatchConfig) -> None:
+        self.config = config
+        self._result = np.zeros(13)
+        self._settings = np.array(
+            [
+                0.0,
+                config.reach_m,
+                config.half_weight_m,
+                config.distance_std_m,
+                config.iterations,
+                config.convergence_m,
+                config.widening,
+            ]
+        )
+        self._score_settings = np.array([0.0, 0.5 * config.reach_m, config.reach_m])
+        self._counts = np.zeros(3)
+
+    def match(self, grid: SurfaceGrid, points: Float, start: Float, prior: Float = NO_PRIOR) -> Match:
+        """Matches ``points`` (n, 4) from ``start`` (3,); ``prior`` (4, 3): information in map axes, expected pose."""
+        self._settings[0] = grid.cell_size_m
+        result = self._result
+        _kernels.match_points(grid.table, grid.frame, grid.arrays, points, start, prior, self._settings, result)
+        matched = int(result[3])
+        h = result[7:13]
+        normal = np.array([[h[0], h[1], h[2]], [h[1], h[3], h[4]], [h[2], h[4], h[5]]])
+        return Match(
+            pose=result[:3].copy(),
+            score=matched / len(points) if len(points) else 0.0,
+            matched=matched,
+            normal_matrix=normal,
+            residual_std_m=float(np.sqrt(result[6] / max(result[5], 1.0))),
+        )
+
+    def judge(self, grid: SurfaceGrid, points: Float, pose: Float) -> tuple[int, int, int]:
+        """How many of ``points`` (n, 4) at ``pose`` the grid confirms, contradicts, and has never seen."""
+        self._score_settings[0] = grid.cell_size_m
+        _kernels.score_points(grid.table, grid.frame, grid.arrays, points, pose, self._score_settings, self._counts)
+        return int(self._counts[0]), int(self._counts[1]), int(self._counts[2])
+
+
+def prior_at(pose: Float, covariance: Float) -> Float:
+    """The ``prior`` argument of `SurfaceMatcher.match`: ``covariance`` (3, 3) in the frame of ``pose`` (3,)."""
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    prior = np.empty((4, 3))
+    prior[:3] = turn @ np.linalg.inv(covariance) @ turn.T
+    prior[3] = pose
+    return prior
