@@ -11,10 +11,13 @@ import numpy as np
 from mapmend.errors import InputError
 from mapmend.geometry.se2 import between
 from mapmend.io._decimals import Bool, Float
+from mapmend.io.carmen_text import write_carmen
 from mapmend.io.files import read_bytes
 from mapmend.io.laser_lines import FLASER, ROBOTLASER, LaserRows, Layout, concatenate, explain, parse_laser_lines
 from mapmend.io.laser_scans import EXACT_MARK, Channel, build_scans, constant_mounting, exact_angles
 from mapmend.scan import Note, ScanLog
+
+__all__ = ["parse_carmen", "read_carmen", "write_carmen"]
 
 MEND_LINE = "repair the line, or pass --lenient to leave such lines out"
 
