@@ -106,6 +106,7 @@ def test_weights_that_cannot_be(graph):
     refuse(graph, "singular", weights=np.zeros(count))
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_numbers_too_large_to_square(graph):
     refuse(graph.with_poses(changed(graph.poses, (2, 0), 1e200)), "chi2 .* not finite")
 

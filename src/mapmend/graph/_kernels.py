@@ -90,18 +90,17 @@ def linearize(  # noqa: PLR0917
 
 @njit(cache=True, nogil=True)
 def solve(starts: Int, rows: Int, lower: Float, diagonal: Float, right_sides: Float) -> None:
-    """Overwrites ``right_sides``, shape (size, k), by the solution of ``(I + L) D (I + L)^T x = b``."""
-    size, width = right_sides.shape
-    for j in range(size):
-        for p in range(starts[j], starts[j + 1]):
-            for c in range(width):
-                right_sides[rows[p], c] -= lower[p] * right_sides[j, c]
-    for j in range(size - 1, -1, -1):
-        for c in range(width):
-            right_sides[j, c] /= diagonal[j]
-        for p in range(starts[j], starts[j + 1]):
-            for c in range(width):
-                right_sides[j, c] -= lower[p] * right_sides[rows[p], c]
+    """Overwrites ``right_sides``, shape (k, size), by the k solutions of ``(I + L) D (I + L)^T x = b``."""
+    for b in right_sides:
+        for j in range(len(b)):
+            known = b[j]
+            for p in range(starts[j], starts[j + 1]):
+                b[rows[p]] -= lower[p] * known
+        for j in range(len(b) - 1, -1, -1):
+            total = b[j] / diagonal[j]
+            for p in range(starts[j], starts[j + 1]):
+                total -= lower[p] * b[rows[p]]
+            b[j] = total
 
 
 @njit(cache=True, nogil=True)

@@ -51,9 +51,9 @@ class Factorization:
 
         solution = np.zeros(right_sides.shape)
         if len(self.order):
-            ordered = np.ascontiguousarray(right_sides[self.order], dtype=np.float64).reshape(len(self.order), -1)
+            ordered = np.array(right_sides[self.order].reshape(len(self.order), -1).T, dtype=np.float64, order="C")
             _kernels.solve(self.starts, self.rows, self.lower, self.diagonal, ordered)
-            solution[self.order] = ordered.reshape(right_sides.shape)
+            solution[self.order] = ordered.T.reshape(right_sides.shape)
         return solution
 
 
