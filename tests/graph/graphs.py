@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
+from mapmend.io.g2o import read_g2o
 
 Array = NDArray[np.float64]
 
@@ -65,20 +65,4 @@ def read_public_graph(name: str) -> PoseGraph:
         pytest.skip("MAPMEND_DATA is not set: no public graphs")
     if numba.config.DISABLE_JIT:
         pytest.skip("a public graph takes minutes with the compiler off")
-    poses: dict[int, list[float]] = {}
-    ends, numbers = [], []
-    with gzip.open(Path(folder) / "posegraphs" / f"{name}.g2o.gz", "rt") as file:
-        for line in file:
-            words = line.split()
-            if words[:1] == ["VERTEX_SE2"]:
-                poses[int(words[1])] = [float(word) for word in words[2:5]]
-            elif words[:1] == ["EDGE_SE2"]:
-                ends.append([int(word) for word in words[1:3]])
-                numbers.append([float(word) for word in words[3:12]])
-    row_of = {node: row for row, node in enumerate(poses)}
-    edges = np.array([[row_of[i], row_of[j]] for i, j in ends], dtype=np.int64)
-    information = np.array(numbers)[:, [3, 4, 5, 4, 6, 7, 5, 7, 8]].reshape(-1, 3, 3)
-    is_loop = np.abs(edges[:, 1] - edges[:, 0]) != 1
-    return PoseGraph(
-        np.array(list(poses.values())), np.array(list(poses)), edges, np.array(numbers)[:, :3], information, is_loop
-    )
+    return read_g2o(Path(folder) / "posegraphs" / f"{name}.g2o.gz")
