@@ -30,11 +30,11 @@ def _word(text: str) -> np.uint64:
 
 _ZEROS, _DOTS = _word("00000000"), _word("........")
 _ONES, _TOPS, _SIXES = _word("\x01" * 8), _word("\x80" * 8), _word("\x06" * 8)
-_HIGH_NIBBLES = _word("\xf0" * 8)
+_HIGH_NIBBLES, _THREES = _word("\xf0" * 8), _word("\x33" * 8)
 _LOW_NIBBLES = _word("\x0f" * 8)
 _LAST = np.array([(0xFFFFFFFFFFFFFFFF << 8 * (8 - k)) & 0xFFFFFFFFFFFFFFFF for k in range(9)], np.uint64)
 _ZERO, _255 = np.uint64(ord("0")), np.uint64(255)
-_1, _7, _8, _56 = (np.uint64(k) for k in (1, 7, 8, 56))
+_1, _4, _7, _8, _56 = (np.uint64(k) for k in (1, 4, 7, 8, 56))
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def _without_dot(word: Words) -> tuple[Words, Bool, NDArray[np.uint8]]:
 
 
 def _all_digits(word: Words) -> Bool:
-    return ((word | (word + _SIXES)) & _HIGH_NIBBLES) == _ZEROS
+    return ((word & _HIGH_NIBBLES) | (((word + _SIXES) & _HIGH_NIBBLES) >> _4)) == _THREES
 
 
 def _eight_digits(word: Words) -> Words:
@@ -169,8 +169,9 @@ def format_rows(
     values = ranges_m.astype(np.float64)
     ceiling = np.repeat(no_return_m, np.diff(offsets))
     none = np.isinf(values)
+    seen = np.isfinite(values)
+    decimals = _decimals_needed(values[seen], ranges_m[seen], least_decimals)
     values[np.isnan(values)] = 0.0
-    decimals = _decimals_needed(values[~none], ranges_m[~none], least_decimals)
     values[none] = ceiling[none]
     whole = np.rint(values * 10.0**decimals).astype(np.int64)
     whole[none & (whole / 10.0**decimals < ceiling)] += 1

@@ -61,7 +61,7 @@ def parse_carmen(data: bytes, path: str | Path, lenient: bool = False) -> ScanLo
     for first_line, lines in _blocks(data):
         _read_block(content, first_line, lines, path, lenient)
     rows = concatenate(content.rows) if content.rows else None
-    rows = None if rows is None else _with_time_or_without(rows, content, path, lenient)
+    rows = None if rows is None else _usable_rows(rows, content, path, lenient)
     if rows is None or not len(rows):
         what = "no usable scans" if content.left_out else "no scans (FLASER, RLASER or ROBOTLASER1 lines)"
         raise InputError(path, what, "name a CARMEN log with laser scans")
@@ -128,16 +128,21 @@ def _number(parameters: dict[str, str], *names: str) -> float | None:
     return None
 
 
-def _with_time_or_without(rows: LaserRows, content: _Content, path: str | Path, lenient: bool) -> LaserRows:
-    """Either all lines end with their time or none does: one that does not among others that do is cut short."""
+def _usable_rows(rows: LaserRows, content: _Content, path: str | Path, lenient: bool) -> LaserRows:
+    """The rows with beams that end like the others: all lines end with their time, or none does."""
     untimed: Bool = np.isnan(rows.stamps_s)
-    if untimed.all() or not untimed.any():
+    checks = [(rows.counts == 0, "a scan without beams")]
+    if not untimed.all():
+        checks.append((untimed, "the line ends before its timestamp, which other lines have"))
+    keep = np.ones(len(rows), np.bool_)
+    for wrong, what in checks:
+        if wrong.any() and not lenient:
+            raise InputError(path, what, MEND_LINE, int(rows.lines[np.argmax(wrong)]))
+        keep &= ~wrong
+    if keep.all():
         return rows
-    if not lenient:
-        line = int(rows.lines[np.argmax(untimed)])
-        raise InputError(path, "the line ends before its timestamp, which other lines have", MEND_LINE, line)
-    content.left_out += rows.lines[untimed].tolist()
-    return rows.select(np.flatnonzero(~untimed))
+    content.left_out += rows.lines[~keep].tolist()
+    return rows.select(np.flatnonzero(keep))
 
 
 def _build_log(rows: LaserRows, content: _Content, path: str | Path) -> ScanLog:
@@ -154,7 +159,7 @@ def _build_log(rows: LaserRows, content: _Content, path: str | Path) -> ScanLog:
     scans = build_scans(rows, angles, channels, content.exact)
     if not content.exact:
         notes += _limit_notes(rows, channels, {g.max_range_m for g in scans.geometries})
-    stamps, has_stamps = _stamps(rows, notes)
+    stamps, has_stamps = _stamps(rows, content.exact, notes)
     _note_jumps(rows, notes)
     return ScanLog(scans, stamps, rows.robot.copy(), has_stamps, str(path), tuple(notes))
 
@@ -230,11 +235,17 @@ def _limit_notes(rows: LaserRows, channels: dict[int, Channel], limits: set[floa
     ]
 
 
-def _stamps(rows: LaserRows, notes: list[Note]) -> tuple[Float, bool]:
+def _stamps(rows: LaserRows, exact: bool, notes: list[Note]) -> tuple[Float, bool]:
     """The rows' times, or their numbers where the times tell nothing."""
     stamps = rows.stamps_s
-    if np.isnan(stamps).any() or (len(stamps) > 1 and np.all(stamps == stamps[0])):
-        what = "no timestamps" if np.isnan(stamps).any() else "all timestamps are equal"
+    what = ""
+    if np.isnan(stamps).any():
+        what = "no timestamps"
+    elif len(stamps) > 1 and np.all(stamps == stamps[0]):
+        what = "all timestamps are equal"
+    elif len(stamps) > 2 and not exact and np.all(np.diff(stamps) == 1.0) and stamps[0] in (0.0, 1.0):
+        what = "the timestamps only count the scans"
+    if what:
         notes.append(Note(f"{what}; the scans are numbered instead"))
         return np.arange(len(stamps), dtype=np.float64), False
     steps = np.diff(stamps)

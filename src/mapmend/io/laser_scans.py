@@ -40,7 +40,7 @@ def constant_mounting(robot: Float, laser: Float) -> tuple[float, float, float] 
     if max(spread[0], spread[1]) > _SAME_M or spread[2] > _SAME_RAD:
         return None
     x, y, yaw = (float(np.round(m, _decimals(s))) for m, s in zip(middle, spread, strict=True))
-    yaw = float(np.pi) if abs(abs(yaw) - np.pi) < max(1e-9, 2.0 * float(spread[2])) else yaw
+    yaw = float(np.pi) if abs(abs(yaw) - np.pi) < max(1e-6, 2.0 * float(spread[2])) else yaw
     return x + 0.0, y + 0.0, yaw + 0.0
 
 

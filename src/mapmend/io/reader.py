@@ -57,8 +57,8 @@ def read(path: str | Path, lenient: bool = False) -> Content:
 def recognise(data: bytes, path: str | Path) -> str:
     """What the bytes are: ``log``, ``graph``, ``trajectory``, ``relations``, ``map``, ``picture`` or ``table``.
 
-    The first line that is neither blank nor comment decides; eight columns are a trajectory where the last four are a
-    unit quaternion, else relations. Raises InputError for anything else; ``path`` is for messages.
+    The first line that is neither blank nor comment decides, or a scan further down. Eight columns are a trajectory
+    where the last four are a unit quaternion, else relations. Raises InputError for anything else, naming ``path``.
     """
     if not data or data.isspace():
         raise InputError(path, "the file is empty", _MEND)
@@ -72,6 +72,8 @@ def recognise(data: bytes, path: str | Path) -> str:
     for kind, words in kinds:
         if word.startswith(words):
             return _log_or_graph(data) if kind == "log" and word.startswith("ROBOTLASER") else kind
+    if any(mark in data for mark in (b"\nFLASER ", b"\nROBOTLASER1 ")):
+        return "log"
     numbers = _numbers(line)
     if numbers is None or b"\0" in data[:_LOOKED_AT]:
         raise InputError(path, "is of no known kind", _MEND)
