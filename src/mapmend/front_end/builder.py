@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mapmend.config import Config
@@ -19,11 +21,11 @@ from mapmend.parallel import Progress, no_progress
 from mapmend.scan import ScanLog
 
 # An optimization that moves no node by more leaves the global grid as it is.
-STILL_M = 0.01
-STILL_RAD = 0.003
+STILL_M = 0.02
+STILL_RAD = 0.007
 # A loop edge to a known key-node that disagrees by more calls for an optimization.
-STRAIN_M = 0.03
-STRAIN_RAD = 0.01
+STRAIN_M = 0.06
+STRAIN_RAD = 0.02
 
 
 class FrontEnd:
@@ -90,7 +92,7 @@ class FrontEnd:
     def _is_far(self, pose: Float, node: Float) -> bool:
         rows = self.config.key_nodes
         step = se2.between(node, pose)
-        return bool(np.hypot(step[0], step[1]) >= rows.node_every_m or abs(step[2]) >= rows.node_every_rad)
+        return bool(math.hypot(step[0], step[1]) >= rows.node_every_m or abs(step[2]) >= rows.node_every_rad)
 
     def _open_node(self, k: int, pose: Float, match: Match | None) -> None:
         """Adds the node and its odometry edge with the covariance of IGO (2)."""
@@ -118,7 +120,7 @@ class FrontEnd:
     def _insert(self, k: int, pose: Float) -> None:
         grid = self.config.grid
         step = pose - self._inserted_at
-        if np.hypot(step[0], step[1]) < grid.insert_every_m and abs(step[2]) < grid.insert_every_rad:
+        if math.hypot(step[0], step[1]) < grid.insert_every_m and abs(step[2]) < grid.insert_every_rad:
             return
         self._global.grid.insert(self._points.of(k), self._points.laser_origin(k), pose)
         self._inserted_at = pose
@@ -127,12 +129,12 @@ class FrontEnd:
         """Searches loops of the newest node; optimizes when a new link closed or the graph is under strain."""
         if not self.config.loops.enabled:
             return
-        linked = self.key_nodes.distances(self.key_nodes.last, self.config.key_nodes.member_length_m)
+        known = self.key_nodes.known()
         closed = False
         for edge in self._loops.find():
             self.state.loops.append(edge)
             k = int(self.key_nodes.of_node[edge.anchor])
-            closed |= k not in linked
+            closed |= k not in known
             self._strained |= self._is_strained(edge)
             self.key_nodes.link(k, self.key_nodes.last, 0.0)
         path = float(self.state.node_path_m[self.state.last])

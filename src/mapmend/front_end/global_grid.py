@@ -8,12 +8,16 @@ current one along the trajectory, verified loops counting as no way at all.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.config import Config
 from mapmend.front_end.key_nodes import KeyNodes
 from mapmend.front_end.state import GraphState
 from mapmend.grid.surface import SurfaceGrid
 
+CROWD = 2
+SPOT_M = 1.0
+SPOT_RAD = 0.7
 ORIGIN = np.zeros(3)
 
 
@@ -26,14 +30,11 @@ class GlobalGrid:
         self._key_nodes = key_nodes
         self._config = config
         self._contents: set[int] = set()
-
-    def members(self) -> dict[int, float]:
-        """The key-nodes that should take part now, and how far along links they are."""
-        return self._key_nodes.distances(self._key_nodes.last, self._config.key_nodes.member_length_m)
+        self._crowd: dict[tuple[int, ...], int] = {}
 
     def refresh(self) -> None:
         """After a key-node was opened or linked: lets in who is known now, and turns out who is not and in the way."""
-        members = set(self.members())
+        members = set(self._key_nodes.known())
         strangers = [k for k in self._contents - members if self._is_near(k)]
         if strangers:
             self.rebuild()
@@ -48,14 +49,29 @@ class GlobalGrid:
         """Builds the grid anew from its members' scans where the optimizer put them."""
         self.grid.clear()
         self._contents = set()
-        for k in sorted(self.members()):
+        self._crowd = {}
+        for k in sorted(self._key_nodes.known()):
             if k == self._key_nodes.last or self._is_near(k):
                 self._insert(k)
 
     def _insert(self, k: int) -> None:
         row = self._key_nodes.rows[k]
-        self._key_nodes.insert_nodes(self.grid, range(row.first, row.end), ORIGIN)
+        nodes = np.arange(row.first, row.end)
+        self._key_nodes.insert_nodes(self.grid, nodes[self._has_room(nodes)], ORIGIN)
         self._contents.add(k)
+
+    def _has_room(self, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which nodes show something new: at most ``CROWD`` from one spot in one direction, however often it was passed.
+
+        So the cost of building the grid follows the area around the robot, not the length of the log.
+        """
+        poses = self._state.node_pose[nodes]
+        spots = np.floor(poses / (SPOT_M, SPOT_M, SPOT_RAD)).astype(np.int64)
+        room = np.zeros(len(nodes), dtype=np.bool_)
+        for row, spot in enumerate(map(tuple, spots.tolist())):
+            self._crowd[spot] = self._crowd.get(spot, 0) + 1
+            room[row] = self._crowd[spot] <= CROWD
+        return room
 
     def _is_near(self, k: int) -> bool:
         row = self._key_nodes.rows[k]

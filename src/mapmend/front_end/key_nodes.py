@@ -7,6 +7,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.config import Config
 from mapmend.front_end.points import ScanPoints
@@ -48,6 +49,7 @@ class KeyNodes:
         self._points = points
         self._config = config
         self._links: list[dict[int, float]] = []
+        self._known: dict[int, dict[int, float]] = {}
         self._grids: OrderedDict[int, LocalGrid] = OrderedDict()
 
     @property
@@ -64,14 +66,25 @@ class KeyNodes:
             self._links.append({})
             if self.last > 0:
                 self.link(self.last - 1, self.last, length)
+            self._known.clear()
         self.rows[-1].end = node + 1
         self.of_node[node] = self.last
         return opens
 
     def link(self, a: int, b: int, length_m: float) -> None:
         """Says that a and b are known relative to each other: neighbours by T_l, a verified loop by nothing."""
-        for first, second in ((a, b), (b, a)):
-            self._links[first][second] = min(length_m, self._links[first].get(second, np.inf))
+        if length_m < self._links[a].get(b, np.inf):
+            self._links[a][b] = self._links[b][a] = length_m
+            self._known.clear()
+
+    def known(self) -> dict[int, float]:
+        """The key-nodes whose relation to the current one is known, and how far along links they are, metres.
+
+        Those within the members' length of it: they take part in the global grid, and their loops need no search.
+        """
+        if self.last not in self._known:
+            self._known[self.last] = self.distances(self.last, self._config.key_nodes.member_length_m)
+        return self._known[self.last]
 
     def distances(self, start: int, limit_m: float) -> dict[int, float]:
         """How far along links every key-node within ``limit_m`` of ``start`` is, metres of trajectory."""
@@ -99,7 +112,7 @@ class KeyNodes:
         path = state.node_path_m[: state.count]
         first = int(np.searchsorted(path, path[anchor] - half))
         end = int(np.searchsorted(path, path[self.rows[k].end - 1] + half, side="right"))
-        self.insert_nodes(grid, range(first, end), state.node_pose[anchor])
+        self.insert_nodes(grid, np.arange(first, end), state.node_pose[anchor])
         self._grids[k] = LocalGrid(grid)
         if len(self._grids) > KEPT_GRIDS:
             self._grids.popitem(last=False)
@@ -112,11 +125,11 @@ class KeyNodes:
             local.field = likelihood_field(local.grid, self._config.match.half_weight_m)
         return local.field
 
-    def insert_nodes(self, grid: SurfaceGrid, nodes: range, frame: Float) -> None:
+    def insert_nodes(self, grid: SurfaceGrid, nodes: NDArray[np.int64], frame: Float) -> None:
         """Puts the scans of ``nodes`` into ``grid``, whose frame stands at ``frame`` (3,) in the map."""
         state, points = self._state, self._points
-        poses = se2.between(frame, state.node_pose[nodes.start : nodes.stop])
-        for pose, scan in zip(poses, state.node_scan[nodes.start : nodes.stop], strict=True):
+        poses = se2.between(frame, state.node_pose[nodes])
+        for pose, scan in zip(poses, state.node_scan[nodes], strict=True):
             grid.insert(points.of(int(scan)), points.laser_origin(int(scan)), pose)
 
     def forget_grids(self) -> None:

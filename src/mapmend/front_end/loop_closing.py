@@ -33,11 +33,10 @@ class Solved:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A key-node that the newest node may have come back to: its nearest node, and how far along links it is."""
+    """A key-node that the newest node may have come back to, and its nearest node."""
 
     key_node: int
     nearest: int
-    linked_m: float  # inf where no verified way leads there
 
 
 class LoopSearch:
@@ -55,41 +54,50 @@ class LoopSearch:
         self._tried_at_m: dict[tuple[int, int], float] = {}
         self.solved: Solved | None = None
         self.attempts = 0
+        self._partner = -1
 
     def find(self) -> list[LoopEdge]:
         """The verified loop edges of the newest node: at most one to a known and one to an unlinked key-node."""
-        linked = self._key_nodes.distances(self._key_nodes.last, self._config.key_nodes.member_length_m)
-        candidates = self._candidates(linked)
-        edges = []
-        for candidate in [c for c in candidates if c.key_node in linked][:1]:
-            edge = self._match_known(candidate)
-            if edge is not None:
-                edges.append(edge)
-        for candidate in [c for c in candidates if c.key_node not in linked]:
+        known = self._key_nodes.known()
+        candidates = self._candidates(known)
+        edges = [self._match_known(c) for c in self._preferred([c for c in candidates if c.key_node in known])]
+        for candidate in [c for c in candidates if c.key_node not in known]:
             edge = self._match_uncertain(candidate)
+            edges.append(edge)
             if edge is not None:
-                edges.append(edge)
                 break
-        return edges
+        return [edge for edge in edges if edge is not None]
 
-    def _candidates(self, linked: dict[int, float]) -> list[Candidate]:
-        """Key-nodes within T_l (and the drift that may have built up), nearest first."""
-        state, loops = self._state, self._config.loops
+    def _preferred(self, candidates: list[Candidate]) -> list[Candidate]:
+        """One of the known: that of the node before while it is still near, else the nearest.
+
+        Where several passes of one corridor lie side by side, the nearest changes with every node, and each change asks
+        for another local grid.
+        """
+        same = [c for c in candidates if c.key_node == self._partner]
+        chosen = (same or candidates)[:1]
+        self._partner = chosen[0].key_node if chosen else -1
+        return chosen
+
+    def _candidates(self, known: dict[int, float]) -> list[Candidate]:
+        """Key-nodes within T_l, those not known also within the drift that may have built up; nearest first."""
+        state, loops, rows = self._state, self._config.loops, self._key_nodes.rows
         here = state.node_pose[state.last]
         path = state.node_path_m[: state.count]
         old = int(np.searchsorted(path, path[-1] - loops.min_separation_m))
         if old == 0:
             return []
         distance = np.hypot(state.node_pose[:old, 0] - here[0], state.node_pose[:old, 1] - here[1])
-        reach = self._config.key_nodes.trajectory_length_m
-        drift = 3.0 * loops.drift_per_m * (path[-1] - path[:old])
-        rows = np.nonzero(distance < reach + np.minimum(drift, 2.0 * reach))[0]
-        found: dict[int, Candidate] = {}
-        for row in rows[np.argsort(distance[rows], kind="stable")]:
-            k = int(self._key_nodes.of_node[row])
-            if k not in found and (k not in linked or distance[row] < reach):
-                found[k] = Candidate(k, int(row), linked.get(k, np.inf))
-        return list(found.values())
+        starts = np.array([row.first for row in rows if row.first < old])
+        nearest = np.minimum.reduceat(distance, starts)
+        length = self._config.key_nodes.trajectory_length_m
+        drift = np.minimum(3.0 * loops.drift_per_m * (path[-1] - path[starts]), 2.0 * length)
+        reach = length + np.where([k in known for k in range(len(starts))], 0.0, drift)
+        found = []
+        for k in np.nonzero(nearest < reach)[0]:
+            first, end = starts[k], min(rows[k].end, old)
+            found.append((float(nearest[k]), Candidate(int(k), int(first + np.argmin(distance[first:end])))))
+        return [candidate for _, candidate in sorted(found, key=lambda pair: (pair[0], pair[1].key_node))]
 
     def _match_known(self, candidate: Candidate) -> LoopEdge | None:
         """A key-node whose place is known well: the pose itself is guess enough."""

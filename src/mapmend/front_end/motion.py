@@ -13,13 +13,17 @@ from mapmend.geometry import se2
 Float = NDArray[np.float64]
 
 
-def odometry_covariance(motion: Float, config: MotionConfig) -> Float:
-    """Sigma_odo of a reported ``motion`` (3,), in the frame of its end, shape (3, 3): IGO eq. (1)."""
+def odometry_std(motion: Float, config: MotionConfig) -> tuple[float, float]:
+    """Standard deviations of a reported ``motion`` (3,): of the translation in any direction (m), of the turn (rad)."""
     way, turn = math.hypot(motion[0], motion[1]), abs(float(motion[2]))
     translation = math.hypot(config.translation_std_per_m * way, config.translation_std_per_rad * turn)
     rotation = math.hypot(config.rotation_std_per_m * way, config.rotation_std_per_rad * turn)
-    translation = max(translation, config.min_translation_std_m)
-    rotation = max(rotation, config.min_rotation_std_rad)
+    return max(translation, config.min_translation_std_m), max(rotation, config.min_rotation_std_rad)
+
+
+def odometry_covariance(motion: Float, config: MotionConfig) -> Float:
+    """Sigma_odo of a reported ``motion`` (3,), in the frame of its end, shape (3, 3): IGO eq. (1)."""
+    translation, rotation = odometry_std(motion, config)
     return np.diag([translation**2, translation**2, rotation**2])
 
 

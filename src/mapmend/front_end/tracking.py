@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmend.config import Config
-from mapmend.front_end.motion import draw_hypotheses, odometry_covariance
+from mapmend.front_end.motion import draw_hypotheses, odometry_covariance, odometry_std
 from mapmend.front_end.state import Float
 from mapmend.geometry import se2
 from mapmend.grid.likelihood import likelihood_field
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.matching.correlative import Region, search
-from mapmend.matching.gauss_newton import Match, SurfaceMatcher, prior_at
+from mapmend.matching.gauss_newton import Match, SurfaceMatcher, round_prior
 
 # Below this many points a scan says too little to contradict the odometry.
 FEWEST_POINTS = 20
@@ -39,11 +39,11 @@ class Tracker:
     def track(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float) -> Tracked:
         """Finds a scan, ``points`` (n, 4), that the odometry puts at ``before * motion``; poses of shape (3,)."""
         predicted = se2.compose(before, motion)
-        covariance = odometry_covariance(motion, self._config.motion)
-        prior = prior_at(predicted, covariance)
+        prior = round_prior(predicted, *odometry_std(motion, self._config.motion))
         match = self._matcher.match(grid, points, predicted, prior)
         if not self._is_doubtful(match, len(points)):
             return Tracked(match, searched=False)
+        covariance = odometry_covariance(motion, self._config.motion)
         hypotheses = self._hypotheses(before, predicted, covariance)
         found = self._best_of(grid, points, hypotheses, predicted, prior, match)
         return Tracked(found, searched=True)

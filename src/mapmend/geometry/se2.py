@@ -6,6 +6,8 @@ Covariances are those of a perturbation on the right, in the frame of the pose i
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,9 +19,28 @@ def wrap_angle(angle: ArrayLike) -> Array:
     return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi)
 
 
+def _wrap_one(angle: float) -> float:
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def _compose_one(a: list[float], b: list[float]) -> Array:
+    """One pose at a time, as the front end needs it for every scan, arrays cost twenty times the arithmetic."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return np.array(
+        (a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], _wrap_one(a[2] + b[2])), dtype=np.float64
+    )
+
+
+def _inverse_one(a: list[float]) -> Array:
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return np.array((-cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], _wrap_one(-a[2])), dtype=np.float64)
+
+
 def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> Array:
     """``T_a_c`` for poses of shape (..., 3); the leading axes broadcast."""
     a, b = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_b_c, dtype=np.float64)
+    if a.ndim == 1 and b.ndim == 1:
+        return _compose_one(a.tolist(), b.tolist())
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack(
         (
@@ -34,6 +55,8 @@ def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> Array:
 def inverse(T_a_b: ArrayLike) -> Array:
     """``T_b_a`` for poses of shape (..., 3)."""
     a = np.asarray(T_a_b, dtype=np.float64)
+    if a.ndim == 1:
+        return _inverse_one(a.tolist())
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack(
         (

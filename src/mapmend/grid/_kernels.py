@@ -168,6 +168,30 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, size):
 
 
 @njit(cache=True, nogil=True)
+def find_room(table, frame, tiles, points, pose, size, box):
+    """Whether the table covers a scan's points and tiles enough are left; ``box`` is written: the tiles that they ask for.
+
+    ``box`` = first row, first column, last row, last column, in tiles.
+    """
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    low_x, high_x, low_y, high_y = pose[0], pose[0], pose[1], pose[1]
+    for k in range(points.shape[0]):
+        x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
+        y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
+        low_x, high_x = min(low_x, x), max(high_x, x)
+        low_y, high_y = min(low_y, y), max(high_y, y)
+    # The laser may stand off the robot's centre: a margin of a metre covers its place too.
+    span, margin = size * TILE, size * (REACH + 1) + 1.0
+    box[0], box[1] = int(math.floor((low_y - margin) / span)), int(math.floor((low_x - margin) / span))
+    box[2], box[3] = int(math.floor((high_y + margin) / span)), int(math.floor((high_x + margin) / span))
+    if box[0] < frame[1] or box[1] < frame[2]:
+        return False
+    if box[2] >= frame[1] + table.shape[0] or box[3] >= frame[2] + table.shape[1]:
+        return False
+    return frame[0] + (box[2] - box[0] + 1) * (box[3] - box[1] + 1) <= tiles
+
+
+@njit(cache=True, nogil=True)
 def insert_points(table, frame, arrays, points, origin, pose, settings):
     """One scan's points (robot frame) into the grid at ``pose`` (grid frame, metres from the corner).
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,9 @@ from mapmend.grid.surface import SurfaceGrid
 from mapmend.matching import _kernels
 
 Float = NDArray[np.float64]
+
+# Where the six numbers of a symmetric matrix stand in a kernel's result.
+_SYMMETRIC = np.array([[7, 8, 9], [8, 10, 11], [9, 11, 12]])
 
 NO_PRIOR = np.zeros((4, 3))
 
@@ -66,14 +70,12 @@ class SurfaceMatcher:
         result = self._result
         _kernels.match_points(grid.table, grid.frame, grid.arrays, points, start, prior, self._settings, result)
         matched = int(result[3])
-        h = result[7:13]
-        normal = np.array([[h[0], h[1], h[2]], [h[1], h[3], h[4]], [h[2], h[4], h[5]]])
         return Match(
             pose=result[:3].copy(),
             score=matched / len(points) if len(points) else 0.0,
             matched=matched,
-            normal_matrix=normal,
-            residual_std_m=float(np.sqrt(result[6] / max(result[5], 1.0))),
+            normal_matrix=result[_SYMMETRIC],
+            residual_std_m=math.sqrt(result[6] / max(result[5], 1.0)),
         )
 
     def judge(self, grid: SurfaceGrid, points: Float, pose: Float) -> tuple[int, int, int]:
@@ -81,6 +83,15 @@ class SurfaceMatcher:
         self._score_settings[0] = grid.cell_size_m
         _kernels.score_points(grid.table, grid.frame, grid.arrays, points, pose, self._score_settings, self._counts)
         return int(self._counts[0]), int(self._counts[1]), int(self._counts[2])
+
+
+def round_prior(pose: Float, translation_std_m: float, rotation_std_rad: float) -> Float:
+    """The ``prior`` argument for a position equally uncertain in every direction: cheap enough for every scan."""
+    prior = np.zeros((4, 3))
+    prior[0, 0] = prior[1, 1] = 1.0 / translation_std_m**2
+    prior[2, 2] = 1.0 / rotation_std_rad**2
+    prior[3] = pose
+    return prior
 
 
 def prior_at(pose: Float, covariance: Float) -> Float:
