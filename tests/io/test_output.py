@@ -17,9 +17,13 @@ def test_folder_appears_whole(tmp_path):
 
 @pytest.mark.parametrize("failure", [KeyboardInterrupt, ValueError, SystemExit])
 def test_nothing_is_left_after_a_failure(tmp_path, failure):
-    with pytest.raises(failure), whole_or_nothing(tmp_path / "run") as folder:
-        (folder / "graph.g2o").write_text("half")
-        raise failure
+    def work():
+        with whole_or_nothing(tmp_path / "run") as folder:
+            (folder / "graph.g2o").write_text("half")
+            raise failure
+
+    with pytest.raises(failure):
+        work()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -71,6 +75,15 @@ def test_unwritable_parent_is_found_before_the_work(tmp_path):
             check_writable(tmp_path / "run")
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_refused_permission_is_one_clear_line(tmp_path, monkeypatch):
+    def refuse(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("mapmend.io.output.tempfile.TemporaryFile", refuse)
+    with pytest.raises(OutputError, match=r"run: can't be written \(Permission denied\); choose a place that can"):
+        check_writable(tmp_path / "run")
 
 
 def test_file_appears_whole(tmp_path):
