@@ -1,17 +1,21 @@
 """Kernels of the surface grid: arrays in, arrays out. Their plain twins stand in tests/reference.
 
 A grid is a table of tiles: ``table[row, column]`` names a tile of TILE x TILE cells, or -1; ``frame`` = (tiles in use,
-the table's first tile row, its first tile column). Cell arrays are flat over
-tiles; a cell's number is ``tile * TILE**2 + row_in_tile * TILE + column_in_tile``.
-``surface[cell]`` = mean x, mean y, mean normal x, mean normal y of the returns in the cell (metres in the grid's
-frame; the normals look towards the sensor). ``counts[cell]`` = returns, passes. ``nearest[cell]`` = the number of the
-occupied cell whose mean lies nearest to this cell's centre, within REACH cells, or -1.
+the table's first tile row, its first tile column). Cell arrays are flat over tiles; a cell's number is
+``tile * TILE**2 + row_in_tile * TILE + column_in_tile``. They come as one tuple:
+``surface[cell]`` = mean x, mean y, mean normal x, mean normal y of the returns in the cell (float32, metres in the
+grid's frame; the normals look towards the sensor);
+``returns[cell]`` = how many the mean stands for (uint8, saturating: the mean forgets slowly);
+``evidence[cell]`` = 0 where never seen, above it occupied, below it free (int8);
+``nearest[cell]`` = the number of the occupied cell whose mean lies nearest to this cell's centre, within REACH cells,
+or -1 (int32).
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 TILE_BITS = 5
@@ -21,8 +25,12 @@ TILE_CELLS = TILE * TILE
 REACH = 6
 # The mean of a cell forgets beyond this many returns, so that a map can still follow a door that moved.
 MEAN_MEMORY = 40
-# A cell through which this many times more beams passed than ended in it is free (glass edges, people who left).
-PASSES_PER_RETURN = 3
+# A return weighs as much as this many passes: a beam that grazes a wall passes through some of its cells.
+RETURN_WEIGHT = 3
+# A beam clears up to this many cells from its surface, measured along the surface's normal.
+CLEARANCE = 1.5
+# Evidence saturates: what stood for an hour is gone after this many beams passed through.
+MOST_EVIDENCE = 100
 
 
 @njit(cache=True, nogil=True)
@@ -114,8 +122,10 @@ def _announce(table, frame, surface, nearest, cell, row, column, size):
 
 
 @njit(cache=True, nogil=True)
-def _withdraw(table, frame, surface, counts, nearest, cell, row, column, size):
+def _withdraw(table, frame, arrays, cell, row, column, size):
     """A cell became free: those around it that pointed at it look for the next nearest."""
+    surface, returns, evidence, nearest = arrays
+    returns[cell] = 0
     for r in range(row - REACH, row + REACH + 1):
         for c in range(column - REACH, column + REACH + 1):
             other = cell_at(table, frame, r, c)
@@ -126,7 +136,7 @@ def _withdraw(table, frame, surface, counts, nearest, cell, row, column, size):
             for rr in range(r - REACH, r + REACH + 1):
                 for cc in range(c - REACH, c + REACH + 1):
                     candidate = cell_at(table, frame, rr, cc)
-                    if candidate < 0 or candidate == cell or counts[candidate, 0] == 0:
+                    if candidate < 0 or returns[candidate] == 0:
                         continue
                     d = (surface[candidate, 0] - cx) ** 2 + (surface[candidate, 1] - cy) ** 2
                     if d < best_d:
@@ -135,36 +145,38 @@ def _withdraw(table, frame, surface, counts, nearest, cell, row, column, size):
 
 
 @njit(cache=True, nogil=True)
-def _pass_through(table, frame, arrays, x0, y0, x1, y1, size):
-    """Counts a pass in every cell from (x0, y0) up to, not including, the last two cells before (x1, y1)."""
-    surface, counts, nearest = arrays
-    column, row = int(math.floor(x0 / size)), int(math.floor(y0 / size))
-    last_column, last_row = int(math.floor(x1 / size)), int(math.floor(y1 / size))
-    dx, dy = x1 - x0, y1 - y0
-    step_c, step_r = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-    delta_c = size / abs(dx) if dx != 0.0 else 1e18
-    delta_r = size / abs(dy) if dy != 0.0 else 1e18
-    next_c = ((column + (1 if dx > 0 else 0)) * size - x0) / dx if dx != 0.0 else 1e18
-    next_r = ((row + (1 if dy > 0 else 0)) * size - y0) / dy if dy != 0.0 else 1e18
-    remaining = abs(last_column - column) + abs(last_row - row) - 2
-    tile_row, tile_column, first = -(1 << 40), -(1 << 40), -1
-    while remaining > 0:
-        if row >> TILE_BITS != tile_row or column >> TILE_BITS != tile_column:
-            tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
-            first = _claim(table, frame, tile_row * TILE, tile_column * TILE)
-        if first >= 0:
-            cell = first + (row & TILE_MASK) * TILE + (column & TILE_MASK)
-            counts[cell, 1] += 1
-            if 0 < counts[cell, 0] * PASSES_PER_RETURN < counts[cell, 1]:
-                counts[cell, 0] = 0
-                _withdraw(table, frame, surface, counts, nearest, cell, row, column, size)
-        if next_c < next_r:
-            next_c += delta_c
-            column += step_c
-        else:
-            next_r += delta_r
-            row += step_r
-        remaining -= 1
+def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
+    """One piece of evidence for free in every cell from (x0, y0) to (x1, y1); ``freed`` takes the cells that became so.
+
+    One cell a step along the longer axis: a beam through a cell's corner may miss it, another will not. Returns the
+    number of freed cells; they stay in the grid until `_withdraw`, so that this loop stays small.
+    """
+    evidence, size = arrays[2], settings[0]
+    first_row, first_column = frame[1] * TILE, frame[2] * TILE
+    x, y = x0 / size - first_column, y0 / size - first_row
+    dx, dy = (x1 - x0) / size, (y1 - y0) / size
+    length = max(abs(dx), abs(dy))
+    if length < 1.0:
+        return count
+    step_x, step_y = dx / length, dy / length
+    for _ in range(int(length)):
+        row, column = int(y), int(x)
+        tile = table[row >> TILE_BITS, column >> TILE_BITS]
+        if tile < 0:
+            tile = frame[0]
+            frame[0] += 1
+            table[row >> TILE_BITS, column >> TILE_BITS] = tile
+        cell = tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
+        if evidence[cell] > -MOST_EVIDENCE:
+            evidence[cell] -= 1
+            if evidence[cell] == 0:
+                evidence[cell] = -1
+                if count < freed.shape[0]:
+                    freed[count, 0], freed[count, 1], freed[count, 2] = cell, row + first_row, column + first_column
+                    count += 1
+        x += step_x
+        y += step_y
+    return count
 
 
 @njit(cache=True, nogil=True)
@@ -199,14 +211,26 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
     The caller made sure that tiles enough are left.
     """
     size = settings[0]
-    surface, counts, nearest = arrays
+    surface, returns, evidence, nearest = arrays
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     ox = pose[0] + cos * origin[0] - sin * origin[1]
     oy = pose[1] + sin * origin[0] + cos * origin[1]
+    freed = np.empty((256, 3), np.int64)
+    count = 0
     for k in range(int(settings[1]), points.shape[0], int(settings[2])):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
-        _pass_through(table, frame, arrays, ox, oy, x, y, size)
+        # A beam runs close to the surface it grazes for long: up to there, it says nothing of the surface's cells.
+        dx, dy = x - ox, y - oy
+        length = math.sqrt(dx * dx + dy * dy)
+        nx = cos * points[k, 2] - sin * points[k, 3]
+        ny = sin * points[k, 2] + cos * points[k, 3]
+        steepness = abs(nx * dx + ny * dy) / (length + 1e-9)
+        clear = 1.0 - CLEARANCE * size / (max(steepness, 0.1) * length + 1e-9)
+        if clear > 0.0:
+            count = _pass_through(table, frame, arrays, ox, oy, ox + clear * dx, oy + clear * dy, settings, freed, count)
+    for k in range(count):
+        _withdraw(table, frame, arrays, freed[k, 0], freed[k, 1], freed[k, 2], size)
     for k in range(points.shape[0]):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
@@ -216,19 +240,17 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
         cell = _claim(table, frame, row, column)
         if cell < 0:
             continue
-        counts[cell, 0] += 1
-        hits = counts[cell, 0]
-        if hits == 1:
+        evidence[cell] = min(max(evidence[cell], 0) + RETURN_WEIGHT, MOST_EVIDENCE)
+        if returns[cell] == 0:
+            returns[cell] = 1
             surface[cell, 0], surface[cell, 1] = x, y
             surface[cell, 2], surface[cell, 3] = nx, ny
             _announce(table, frame, surface, nearest, cell, row, column, size)
         else:
-            share = 1.0 / min(hits, MEAN_MEMORY)
+            if returns[cell] < MEAN_MEMORY:
+                returns[cell] += 1
+            share = 1.0 / returns[cell]
             surface[cell, 0] += share * (x - surface[cell, 0])
             surface[cell, 1] += share * (y - surface[cell, 1])
             surface[cell, 2] += share * (nx - surface[cell, 2])
             surface[cell, 3] += share * (ny - surface[cell, 3])
-            if hits > 2 * MEAN_MEMORY:
-                # Halving both keeps old evidence from outweighing what is there now.
-                counts[cell, 0] = MEAN_MEMORY
-                counts[cell, 1] //= 2

@@ -54,7 +54,7 @@ def likelihood_field(
     low_r, low_c = int(used_r.min()) - 1, int(used_c.min()) - 1
     shape = (int(used_r.max()) - low_r + 1, int(used_c.max()) - low_c + 1)
     finest = np.zeros((shape[0], tile, shape[1], tile), np.uint8)
-    surface, _, nearest = grid.arrays
+    surface, _, _, nearest = grid.arrays
     local = (np.arange(tile) + 0.5) * size
     tiles = part[used_r, used_c]
     sources = nearest.reshape(-1, tile, tile)[tiles]

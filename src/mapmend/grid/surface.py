@@ -31,7 +31,8 @@ class SurfaceGrid:
         cells = tiles * _kernels.TILE_CELLS
         self.arrays = (
             np.zeros((cells, 4), dtype=np.float32),
-            np.zeros((cells, 2), dtype=np.int32),
+            np.zeros(cells, dtype=np.uint8),
+            np.zeros(cells, dtype=np.int8),
             np.full(cells, -1, dtype=np.int32),
         )
 
@@ -40,8 +41,8 @@ class SurfaceGrid:
         self.table.fill(-1)
         used = int(self.frame[0]) * _kernels.TILE_CELLS
         self.frame[0] = 0
-        surface, counts, nearest = self.arrays
-        surface[:used], counts[:used], nearest[:used] = 0.0, 0, -1
+        surface, returns, evidence, nearest = self.arrays
+        surface[:used], returns[:used], evidence[:used], nearest[:used] = 0.0, 0, 0, -1
 
     def _make_room(self, box: NDArray[np.int64]) -> None:
         """Grows the table over the box of tiles, and the arrays by as many tiles as the box could ask for."""

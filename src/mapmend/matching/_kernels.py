@@ -32,7 +32,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
     ``result``: written: x, y, theta, matched points, points in seen tiles, sum of weights, weighted sum of squared
     distances, and the normal matrix of the last step without the prior (xx, xy, xt, yy, yt, tt).
     """
-    surface, _, nearest = arrays
+    surface, _, _, nearest = arrays
     size, reach = settings[0], settings[1]
     last = int(settings[4])
     s2 = settings[3] * settings[3]
@@ -132,7 +132,7 @@ def score_points(table, frame, arrays, points, pose, settings, result):
     ``settings`` = (cell size, reach of a match m, reach of doubt m). A point is contradicted where it lies in seen free
     space farther than the reach of doubt from any surface; between the two reaches it is neither.
     """
-    surface, counts, nearest = arrays
+    surface, _, evidence, nearest = arrays
     size = settings[0]
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     matched, contradicted, unseen = 0, 0, 0
@@ -154,7 +154,7 @@ def score_points(table, frame, arrays, points, pose, settings, result):
         if distance < settings[1]:
             matched += 1
         elif distance > settings[2]:
-            if counts[cell, 0] + counts[cell, 1] == 0:
+            if evidence[cell] == 0:
                 unseen += 1
             else:
                 contradicted += 1
