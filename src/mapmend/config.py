@@ -78,7 +78,7 @@ class LoopConfig:
     gate_quantile: float = 0.99  # of the chi-square distribution with 3 degrees of freedom, IGO (5)
     view_std_m: float = 2.5  # how far apart two poses may stand and still see the same walls
     guess_every_m: float = 0.05
-    drift_per_m: float = 0.01  # guards the ellipse against over-confident edges
+    drift_per_m: float = 0.02  # guards the ellipse against over-confident edges
     certain_std_m: float = 0.1  # below it (and the next), the prior is good enough for Gauss-Newton alone
     certain_std_rad: float = 0.05
     min_score: float = 0.55

@@ -22,7 +22,7 @@ TILE_BITS = 5
 TILE = 1 << TILE_BITS
 TILE_MASK = TILE - 1
 TILE_CELLS = TILE * TILE
-REACH = 6
+REACH = 4
 # The mean of a cell forgets beyond this many returns, so that a map can still follow a door that moved.
 MEAN_MEMORY = 40
 # A return weighs as much as this many passes: a beam that grazes a wall passes through some of its cells.

@@ -29,7 +29,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
     ``prior`` (4, 3): its information along the map's axes, and below it the pose that it expects.
     ``settings`` = (cell size, reach of a match m, distance m at which a point counts half, standard deviation of a
     distance m, iterations, convergence m, how much wider reach and half-distance are at the first iteration).
-    ``result``: written: x, y, theta, matched points, points in seen tiles, sum of weights, weighted sum of squared
+    ``result``: written: x, y, theta, matched points (within half the reach), points in seen tiles, sum of weights, weighted sum of squared
     distances, and the normal matrix of the last step without the prior (xx, xy, xt, yy, yt, tt).
     """
     surface, _, _, nearest = arrays
@@ -45,6 +45,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
         widen = 1.0 + (settings[6] - 1.0) * 0.5**iteration if not converged else 1.0
         sigma = settings[2] * widen
         gate = (reach * widen) ** 2
+        counted = 0.25 * reach * reach
         hxx, hxy, hxt, hyy, hyt, htt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         bx, by, bt = 0.0, 0.0, 0.0
         matched, known, weights, squares = 0, 0, 0.0, 0.0
@@ -69,7 +70,8 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
             sy = sin * points[k, 2] + cos * points[k, 3]
             if coherence > COHERENT and sx * nx + sy * ny < OTHER_SIDE:
                 continue  # the other side of a thin wall
-            matched += 1
+            if d2 < counted:
+                matched += 1
             if coherence > COHERENT:
                 length = math.sqrt(coherence)
                 nx, ny = nx / length, ny / length
