@@ -1,3 +1,47 @@
-"""mapmend: 2D laser SLAM that mends its own graph and tells whether the map can be trusted."""
+"""mapmend: 2D laser SLAM that mends its own graph and tells whether the map can be trusted.
+
+    log = mapmend.read("intel.clf.bz2")
+    result = mapmend.build_map(log)
+    mapmend.write_run(result, "intel-run")
+
+Names are loaded when they are first used, so that importing mapmend costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mapmend.config import Config as Config
+    from mapmend.errors import MapmendError as MapmendError
+    from mapmend.io.reader import read as read
+    from mapmend.run_folder import write_run as write_run
+    from mapmend.slam import MapResult as MapResult
+    from mapmend.slam import build_map as build_map
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "Config": "mapmend.config",
+    "MapResult": "mapmend.slam",
+    "MapmendError": "mapmend.errors",
+    "build_map": "mapmend.slam",
+    "read": "mapmend.io.reader",
+    "write_run": "mapmend.run_folder",
+}
+
+__all__ = ["Config", "MapResult", "MapmendError", "__version__", "build_map", "read", "write_run"]
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, from their modules (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'mapmend' has no attribute '{name}'")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

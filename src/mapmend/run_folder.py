@@ -1,0 +1,60 @@
+"""The RUN folder: trajectory, graph, map, picture and a page about them. It appears whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapmend import __version__
+from mapmend.config import to_dict
+from mapmend.io.g2o import write_g2o
+from mapmend.io.info import path_length_m
+from mapmend.io.nav2 import write_map
+from mapmend.io.output import RUN_FILE, whole_or_nothing, write_whole
+from mapmend.io.tum import write_tum
+from mapmend.slam import MapResult, stage
+
+
+def write_run(
+    result: MapResult, folder: str | Path, *, source: str = "", seconds: dict[str, float] | None = None
+) -> dict[str, Any]:
+    """Writes a RUN folder, and gives what its run.json says; raises OutputError, leaving nothing behind.
+
+    ``source``: what was mapped. ``seconds``: of stages outside ``result``. Only ``seconds`` differs between two runs of
+    the same log, configuration and seed; ``seconds["write"]`` is the time for all but run.json itself.
+    """
+    from mapmend.view.map_picture import draw_run
+
+    spent = {**(seconds or {}), **result.seconds}
+    with whole_or_nothing(folder) as place:
+        with stage("write", spent):
+            write_tum(place / "trajectory.tum", result.trajectory.stamps_s, result.trajectory.poses)
+            write_g2o(place / "graph.g2o", result.graph)
+            write_map(place, result.occupancy)
+            draw_run(result).save(place / "map.png", compress_level=2)
+        page = run_page(replace(result, seconds=spent), source)
+        write_whole(place / RUN_FILE, json.dumps(page, indent=2, allow_nan=False) + "\n")
+    return page
+
+
+def run_page(result: MapResult, source: str = "") -> dict[str, Any]:
+    """What run.json holds: enough to make the run again, and what came of it."""
+    rows, columns = result.occupancy.image.shape
+    return {
+        "mapmend": __version__,
+        "method": result.method,
+        "seed": result.config.seed,
+        "log": Path(source).name,
+        "counts": result.counts,
+        "chi2_initial": result.chi2_initial,
+        "chi2_final": result.chi2_final,
+        "path_m": path_length_m(result.trajectory.poses),
+        "extent_m": np.ptp(result.trajectory.poses[:, :2], axis=0).tolist(),
+        "map": {"rows": rows, "columns": columns, "resolution_m": result.occupancy.resolution_m},
+        "configuration": to_dict(result.config),
+        "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
+    }

@@ -1,0 +1,202 @@
+"""The whole method on a page: from a log to a trajectory, a pose graph with scans, and a map.
+
+read   io.reader             a log of scans, with the odometry at each
+match  front_end.builder     IGO III: predict, match, open nodes and key-nodes, search loops, optimize (IGO's "GO")
+map    grid.occupancy        the nodes' scans at the optimized poses
+write  run_folder            trajectory, graph, map, and a picture of them
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.config import Config
+from mapmend.errors import InputError, MapmendError
+from mapmend.geometry import se2
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.grid.occupancy import occupancy_map
+from mapmend.io.nav2 import OccupancyMap
+from mapmend.io.tum import Trajectory
+from mapmend.parallel import Progress, no_progress
+from mapmend.scan import ScanLog
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+DEFAULT_METHOD = "go"
+DEFAULT_CONFIG = Config()
+PLANNED = ("igo", "gmapping")
+"""Methods that the command line knows by name and that are not built yet."""
+
+
+@dataclass(frozen=True)
+class MapResult:
+    """What a method made of a log. All poses are ``T_map_robot``; the map's frame is the robot's at the first scan.
+
+    ``trajectory``: a pose for every scan, in the log's order. ``graph``: the nodes with their scans and stamps.
+    ``key_nodes``: rows of the graph's nodes that open a key-node. ``chi2_initial`` is that of the odometry edges laid
+    end to end, ``chi2_final`` that of the graph's poses. ``counts`` and ``seconds`` (by stage) are fit for JSON.
+    """
+
+    method: str
+    config: Config
+    trajectory: Trajectory
+    graph: PoseGraph
+    occupancy: OccupancyMap
+    key_nodes: Int
+    counts: dict[str, int]
+    chi2_initial: float
+    chi2_final: float
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Built:
+    """What a method hands over to the map: a graph with scans, ``scan_poses`` (n, 3) for all scans, and what it did."""
+
+    graph: PoseGraph
+    scan_poses: Float
+    key_nodes: Int
+    searched: int = 0
+    optimizations: int = 0
+
+
+def build_map(
+    log: ScanLog,
+    method: str = DEFAULT_METHOD,
+    config: Config = DEFAULT_CONFIG,
+    *,
+    threads: int = 1,
+    progress: Progress = no_progress,
+) -> MapResult:
+    """Maps a log by one of `METHODS`; the same log, configuration and seed give the same result for any ``threads``.
+
+    Raises MapmendError for a method that there is not, and for a log without motion, scans or returns.
+    """
+    check_method(method, config)
+    check_log(log, config)
+    seconds: dict[str, float] = {}
+    with stage("match", seconds):
+        built = METHODS[method](log, config, progress)
+    with stage("map", seconds):
+        graph, scan_config = built.graph, config.scan
+        assert graph.scans is not None
+        size = config.grid.cell_size_m
+        occupancy = occupancy_map(graph.scans, graph.poses, scan_config, size, threads=threads, progress=progress)
+    chi2_initial, chi2_final = _chi2(graph)
+    return MapResult(
+        method=method,
+        config=config,
+        trajectory=Trajectory(log.stamps_s, built.scan_poses),
+        graph=graph,
+        occupancy=occupancy,
+        key_nodes=built.key_nodes,
+        counts=_counts(log, built),
+        chi2_initial=chi2_initial,
+        chi2_final=chi2_final,
+        seconds=seconds,
+    )
+
+
+def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_progress) -> Built:
+    """``go``: the front end with its loops, optimized whenever one closes. IGO section III."""
+    from mapmend.front_end.builder import FrontEnd
+
+    front_end = FrontEnd(log, config, progress)
+    state = front_end.run()
+    key_nodes = np.array([row.first for row in front_end.key_nodes.rows], dtype=np.int64)
+    graph = state.pose_graph(with_scans=True)
+    return Built(graph, state.scan_poses(), key_nodes, front_end.searched, front_end.optimizations)
+
+
+def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress) -> Built:
+    """``scanmatch``: laser odometry alone, the same front end without its loops."""
+    return graph_optimization(log, replace(config, loops=replace(config.loops, enabled=False)), progress)
+
+
+def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progress) -> Built:
+    """``odometry``: the poses that the log reports, from the first one on, and the graph that they make."""
+    from mapmend.front_end.motion import odometry_covariance
+    from mapmend.front_end.state import GraphState
+
+    state = GraphState(log)
+    poses = se2.between(log.odometry[0], log.odometry)
+    rows = config.key_nodes
+    for k, pose in enumerate(poses):
+        motion = se2.between(poses[state.node_scan[state.last]], pose) if k else np.zeros(3)
+        far = math.hypot(motion[0], motion[1]) >= rows.node_every_m or abs(motion[2]) >= rows.node_every_rad
+        if k == 0 or far:
+            state.add_node(k, pose, np.linalg.inv(odometry_covariance(motion, config.motion)))
+        else:
+            state.hang_scan(k, state.last, pose)
+    progress("match", len(log), len(log))
+    return Built(state.pose_graph(with_scans=True), poses, np.zeros(0, dtype=np.int64))
+
+
+METHODS: dict[str, Callable[[ScanLog, Config, Progress], Built]] = {
+    "go": graph_optimization,
+    "scanmatch": scan_matching,
+    "odometry": odometry_alone,
+}
+
+
+def check_method(method: str, config: Config) -> None:
+    """Raises MapmendError for a method that is not built, or that the configuration leaves nothing to go by."""
+    if method in PLANNED:
+        raise MapmendError(f"method '{method}' is not built yet; use one of {', '.join(METHODS)}")
+    if method not in METHODS:
+        raise MapmendError(f"there is no method '{method}'; use one of {', '.join(METHODS)}")
+    if method == "odometry" and not config.motion.use_odometry:
+        raise MapmendError("method 'odometry' has nothing to go by without odometry; use go or scanmatch")
+
+
+def check_log(log: ScanLog, config: Config) -> None:
+    """Raises InputError, naming the log, where no map can come of it."""
+    source = log.source or None
+    if len(log) < 2:
+        raise InputError(source, f"holds {len(log)} scan{'s' * (len(log) != 1)}", "a map takes at least two")
+    nearest, farthest = config.scan.min_range_m, config.scan.max_range_m
+    ranges = log.scans.ranges_m
+    if not bool(np.any((ranges >= nearest) & (ranges <= farthest))):
+        what = f"no scan has a return between {nearest:g} m and {farthest:g} m"
+        raise InputError(source, what, "name a log that sees something, or set scan.max_range_m")
+    if config.motion.use_odometry and not log.odometry_moves:
+        raise InputError(source, "the odometry never moves", "run with --no-odometry to map from the laser alone")
+
+
+@contextmanager
+def stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
+    """Notes under ``name`` how long the block took."""
+    began = time.perf_counter()
+    yield
+    seconds[name] = time.perf_counter() - began
+
+
+def _counts(log: ScanLog, built: Built) -> dict[str, int]:
+    loops = int(np.count_nonzero(built.graph.is_loop))
+    return {
+        "scans": len(log),
+        "nodes": len(built.graph),
+        "key_nodes": len(built.key_nodes),
+        "odometry_edges": len(built.graph.edges) - loops,
+        "loop_edges": loops,
+        "scans_searched": built.searched,
+        "optimizations": built.optimizations,
+    }
+
+
+def _chi2(graph: PoseGraph) -> tuple[float, float]:
+    """chi2 of the odometry edges laid end to end from the first node, and of the graph's own poses."""
+    from mapmend.graph.optimizer import edge_chi2
+
+    laid = graph.poses.copy()
+    for (i, j), step in zip(graph.edges[~graph.is_loop], graph.measurements[~graph.is_loop], strict=True):
+        laid[j] = se2.compose(laid[i], step)
+    return float(edge_chi2(graph.with_poses(laid)).sum()), float(edge_chi2(graph).sum())
