@@ -81,6 +81,7 @@ class LoopConfig:
     drift_per_m: float = 0.02  # guards the ellipse against over-confident edges
     certain_std_m: float = 0.1  # below it (and the next), the prior is good enough for Gauss-Newton alone
     certain_std_rad: float = 0.05
+    min_likelihood: float = 0.45
     min_score: float = 0.55
     min_agreement: float = 0.85
     min_overlap: float = 0.35

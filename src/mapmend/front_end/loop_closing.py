@@ -128,7 +128,7 @@ class LoopSearch:
         predicted = self._pose_from(candidate.key_node)
         region = self._region(predicted, covariance)
         points = self._points.of(int(state.node_scan[state.last]))
-        found = search(self._key_nodes.likelihood(candidate.key_node), points, region, 0.5 * loops.min_score)
+        found = search(self._key_nodes.likelihood(candidate.key_node), points, region, loops.min_likelihood)
         if found is None:
             return None
         local = self._key_nodes.local_grid(candidate.key_node)

@@ -17,6 +17,8 @@ Bytes = NDArray[np.uint8]
 class LikelihoodField:
     """``levels``: uint8 arrays in cells of 1, 2, 4, 8 times ``cell_size_m``; 255 is a certain return.
 
+    Its cells are twice as wide as the grid's: what is found is refined on the surfaces themselves.
+
     Cell (row, column) of the finest level covers ``origin + (column, row) * cell_size_m`` onwards (metres, grid frame).
     A cell of level h bounds what any finest cell from its corner on over twice its width could score, so that one look-up
     bounds all whole-cell offsets that begin in one block.
@@ -55,29 +57,32 @@ def likelihood_field(
     shape = (int(used_r.max()) - low_r + 1, int(used_c.max()) - low_c + 1)
     finest = np.zeros((shape[0], tile, shape[1], tile), np.uint8)
     surface, _, _, nearest = grid.arrays
-    local = (np.arange(tile) + 0.5) * size
-    tiles = part[used_r, used_c]
-    sources = nearest.reshape(-1, tile, tile)[tiles]
-    x = ((used_c + first_c + column0) * tile * size)[:, None, None] + local[None, None, :]
-    y = ((used_r + first_r + row0) * tile * size)[:, None, None] + local[None, :, None]
-    means = surface[sources, :2]
-    squared = (means[..., 0] - x) ** 2 + (means[..., 1] - y) ** 2
-    values = np.where(sources >= 0, 255.0 * np.exp(-squared / (2.0 * std_m**2)), 0.0)
-    finest[used_r - low_r, :, used_c - low_c, :] = np.rint(values).astype(np.uint8)
-    level = finest.reshape(shape[0] * tile, shape[1] * tile)
-    levels = [level]
-    for height in (1, 2, 3):
-        levels.append(_bound(level, 1 << height))
+    sources = nearest.reshape(-1, tile, tile)[part[used_r, used_c]]
+    # Few cells are near a surface: only those are worth an exponential.
+    t, row, column = np.nonzero(sources >= 0)
+    means = surface[sources[t, row, column], :2]
+    x = ((used_c[t] + first_c + column0) * tile + column + 0.5) * size
+    y = ((used_r[t] + first_r + row0) * tile + row + 0.5) * size
+    squared = (means[:, 0] - x) ** 2 + (means[:, 1] - y) ** 2
+    finest[used_r[t] - low_r, row, used_c[t] - low_c, column] = np.rint(255.0 * np.exp(-squared / (2.0 * std_m**2)))
+    blocks = _halved(finest.reshape(shape[0] * tile, shape[1] * tile))
+    levels = [blocks]
+    for _ in range(3):
+        blocks = _halved(blocks)
+        levels.append(_reaching_over(blocks))
     origin = ((first_c + low_c + column0) * tile * size, (first_r + low_r + row0) * tile * size)
-    return LikelihoodField((levels[0], levels[1], levels[2], levels[3]), origin, size)
+    return LikelihoodField((levels[0], levels[1], levels[2], levels[3]), origin, 2.0 * size)
 
 
-def _bound(level: Bytes, width: int) -> Bytes:
-    """The maximum over two blocks of ``width`` in each direction, from the block's corner on."""
-    rows, columns = level.shape
-    blocks = level.reshape(rows // width, width, columns // width, width).max(axis=(1, 3))
+def _halved(cells: Bytes) -> Bytes:
+    """The maximum of every 2 x 2 cells."""
+    return np.maximum(np.maximum(cells[::2, ::2], cells[1::2, ::2]), np.maximum(cells[::2, 1::2], cells[1::2, 1::2]))
+
+
+def _reaching_over(blocks: Bytes) -> Bytes:
+    """Each block's maximum with its three neighbours to the right, above and across: what an offset within it can reach."""
     wide = blocks.copy()
-    wide[:, :-1] = np.maximum(wide[:, :-1], blocks[:, 1:])
+    wide[:, :-1] = np.maximum(blocks[:, :-1], blocks[:, 1:])
     tall = wide.copy()
-    tall[:-1] = np.maximum(tall[:-1], wide[1:])
+    tall[:-1] = np.maximum(wide[:-1], wide[1:])
     return tall

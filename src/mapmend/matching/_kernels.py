@@ -200,7 +200,9 @@ def search_poses(levels, points, centre, thetas, offsets, settings, best):
         for o in range(offsets.shape[0]):
             bounds[t * offsets.shape[0] + o] = _sum_at(levels[3], 3, columns[t], rows[t], offsets[o, 0], offsets[o, 1])
     best[0] = settings[1]
-    for b in np.argsort(-bounds):
+    promising = np.nonzero(bounds * scale > best[0])[0]
+    for place in np.argsort(-bounds[promising]):
+        b = promising[place]
         if bounds[b] * scale <= best[0]:
             break
         t, o = b // offsets.shape[0], b % offsets.shape[0]

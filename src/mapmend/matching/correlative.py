@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from mapmend.grid.likelihood import LikelihoodField
 from mapmend.matching import _kernels
@@ -61,10 +62,13 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
 
 def _blocks(guesses: Float, radius: float) -> tuple[NDArray[np.int64], float]:
     """The 8 x 8 blocks of whole-cell offsets that any disc touches, shape (m, 2), and the farthest offset, in cells."""
+    blocks = np.floor(guesses / BLOCK).astype(np.int64)
+    low = blocks.min(axis=0)
     reach = math.ceil(radius / BLOCK)
-    near = np.arange(-reach, reach + 1)
-    around = np.stack(np.meshgrid(near, near), axis=-1).reshape(-1, 2)
-    around = around[np.hypot(around[:, 0], around[:, 1]) <= reach + 0.5]
-    blocks = np.unique(np.floor(guesses / BLOCK).astype(np.int64), axis=0)
-    every = np.unique((blocks[:, None, :] + around[None, :, :]).reshape(-1, 2), axis=0) * BLOCK
+    seeds = np.zeros(tuple(blocks.max(axis=0) - low + 1 + 2 * reach), dtype=np.bool_)
+    seeds[blocks[:, 0] - low[0] + reach, blocks[:, 1] - low[1] + reach] = True
+    covered = seeds
+    if reach:
+        covered = distance_transform_edt(~seeds) <= reach + 0.5
+    every = (np.argwhere(covered) + low - reach) * BLOCK
     return np.ascontiguousarray(every, dtype=np.int64), float(np.hypot(every[:, 0], every[:, 1]).max())
