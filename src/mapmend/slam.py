@@ -133,7 +133,8 @@ def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progres
         motion = se2.between(poses[state.node_scan[state.last]], pose) if k else np.zeros(3)
         far = math.hypot(motion[0], motion[1]) >= rows.node_every_m or abs(motion[2]) >= rows.node_every_rad
         if k == 0 or far:
-            state.add_node(k, pose, np.linalg.inv(odometry_covariance(motion, config.motion)))
+            information = np.asarray(np.linalg.inv(odometry_covariance(motion, config.motion)), dtype=np.float64)
+            state.add_node(k, pose, information)
         else:
             state.hang_scan(k, state.last, pose)
     progress("match", len(log), len(log))

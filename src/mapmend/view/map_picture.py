@@ -1,4 +1,4 @@
-"""map.png: the map with trajectory, key-nodes and loop edges drawn over it, to look at. Pillow alone: it must be quick."""
+"""map.png: the map with trajectory, key-nodes and loop edges over it, to look at. Pillow alone: it must be quick."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Place = tuple[float, float]
 MOST_PIXELS = 4000
 """No side of a picture is longer."""
 
-WANTED_PIXELS = 1500
+WANTED_PIXELS = 1600
 """Small maps are drawn with several pixels a cell up to this, so that lines over them stay thin."""
 
 FREE_COLOUR: Colour = (255, 255, 255)
@@ -30,6 +30,7 @@ OCCUPIED_COLOUR: Colour = (33, 37, 41)
 TRAJECTORY: Colour = (21, 101, 192)
 KEY_NODE: Colour = (230, 119, 0)
 LOOP: Colour = (201, 42, 42)
+LOOP_OPACITY = 60
 START: Colour = (43, 138, 62)
 
 SMOOTHING = 2  # lines are drawn this much larger and averaged down
@@ -39,7 +40,7 @@ FEWEST_PIXELS = 560
 
 @dataclass(frozen=True)
 class Overlay:
-    """What is drawn over a map, metres in its frame: ``trajectory`` (n, 2), ``key_nodes`` (k, 2), ``loops`` (m, 2, 2)."""
+    """What is drawn over a map, metres: ``trajectory`` (n, 2), ``key_nodes`` (k, 2), ``loops`` (m, 2, 2)."""
 
     trajectory: Float
     key_nodes: Float
@@ -60,7 +61,7 @@ def draw_map(grid: OccupancyMap, overlay: Overlay, title: str = "") -> Image.Ima
     longest = max(grid.image.shape)
     shrink = -(-longest // (MOST_PIXELS - STRIP_PIXELS))
     grow = max(1, WANTED_PIXELS // longest) if shrink == 1 else 1
-    smoothing = SMOOTHING if longest * grow <= WANTED_PIXELS * 1.5 else 1
+    smoothing = SMOOTHING if longest * grow <= WANTED_PIXELS else 1
     cells = _shrunk(grid.image, shrink)[::-1]
     enlarge = grow * smoothing
     picture = _coloured(cells)
@@ -69,7 +70,7 @@ def draw_map(grid: OccupancyMap, overlay: Overlay, title: str = "") -> Image.Ima
     _draw_overlay(picture, overlay, _Frame(grid.origin[0], grid.origin[1], pixels_per_m, picture.height), smoothing)
     if smoothing > 1:
         picture = picture.reduce(smoothing)
-    return _with_strip(picture, pixels_per_m / smoothing, title)
+    return _with_strip(picture, pixels_per_m / smoothing, overlay, title)
 
 
 @dataclass(frozen=True)
@@ -107,9 +108,10 @@ def _coloured(cells: NDArray[np.uint8]) -> Image.Image:
 
 
 def _draw_overlay(picture: Image.Image, overlay: Overlay, frame: _Frame, scale: int) -> None:
-    draw = ImageDraw.Draw(picture)
+    # Drawn with transparency: a thousand loop edges must not hide the map.
+    draw = ImageDraw.Draw(picture, "RGBA")
     for edge in overlay.loops:
-        draw.line(frame.places(edge), fill=LOOP, width=scale)
+        draw.line(frame.places(edge), fill=(*LOOP, LOOP_OPACITY), width=scale)
     if len(overlay.trajectory) > 1:
         draw.line(_thinned(frame.places(overlay.trajectory)), fill=TRAJECTORY, width=2 * scale, joint="curve")
     for place in frame.places(overlay.key_nodes):
@@ -132,7 +134,7 @@ def _dot(draw: ImageDraw.ImageDraw, place: Place, radius: float, colour: Colour)
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
 
 
-def _with_strip(picture: Image.Image, pixels_per_m: float, title: str) -> Image.Image:
+def _with_strip(picture: Image.Image, pixels_per_m: float, overlay: Overlay, title: str) -> Image.Image:
     """The picture with a strip below it: scale bar, what the colours mean, and the title where there is room."""
     width = max(picture.width, FEWEST_PIXELS)
     whole = Image.new("RGB", (width, picture.height + STRIP_PIXELS), UNKNOWN_COLOUR)
@@ -143,12 +145,14 @@ def _with_strip(picture: Image.Image, pixels_per_m: float, title: str) -> Image.
     middle = top + STRIP_PIXELS // 2
     font = ImageFont.load_default(15)
     x = _scale_bar(draw, (16.0, middle), pixels_per_m, width * 0.2, font)
-    for name, colour, is_dot in (
-        ("start", START, True),
-        ("trajectory", TRAJECTORY, False),
-        ("key-node", KEY_NODE, True),
-        ("loop edge", LOOP, False),
+    for name, colour, is_dot, shown in (
+        ("start", START, True, overlay.trajectory),
+        ("trajectory", TRAJECTORY, False, overlay.trajectory),
+        ("key-node", KEY_NODE, True, overlay.key_nodes),
+        ("loop edge", LOOP, False, overlay.loops),
     ):
+        if not len(shown):
+            continue
         if is_dot:
             _dot(draw, (x + 7, middle), 5.0, colour)
         else:

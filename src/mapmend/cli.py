@@ -1,0 +1,196 @@
+"""The command line: arguments in, calls, exit codes out.
+
+argparse, and nothing else until a command is chosen: ``mapmend --help`` answers before NumPy would be loaded. Exit
+codes: 0 for yes, 1 for no, 2 for could not (one line on standard error), 130 after Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
+
+from mapmend import __version__
+from mapmend.errors import MapmendError
+
+if TYPE_CHECKING:
+    Commands: TypeAlias = argparse._SubParsersAction["_Parser"]
+
+COULD_NOT, INTERRUPTED = 2, 130
+TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
+
+METHODS = ("go", "scanmatch", "odometry", "igo", "gmapping")
+WORLDS = ("corridor", "office", "random")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command, ``sys.argv`` by default, and returns its exit code. What goes wrong is said in one line."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    try:
+        options = parser().parse_args(arguments)
+        # Every command has a module of its own under mapmend.commands, with a function run(options) -> exit code.
+        code: int = import_module(f"mapmend.commands.{options.module}").run(options)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        return _fail("interrupted; nothing was written", INTERRUPTED)
+    except MapmendError as error:
+        return _fail(str(error), COULD_NOT)
+    except MemoryError:
+        return _fail("not enough memory; take larger cells (grid.cell_size_m) or a shorter log", COULD_NOT)
+    except BrokenPipeError:
+        # Whoever read our output has seen enough; the interpreter must not complain about it at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return COULD_NOT
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{place}{error.strerror or error}; check the path and the disk", COULD_NOT)
+    except Exception as error:
+        if os.environ.get(TRACEBACK_VARIABLE):
+            raise
+        what = f"{type(error).__name__}: {error}"
+        return _fail(f"internal error ({what}); set {TRACEBACK_VARIABLE}=1 and report what it shows", COULD_NOT)
+
+
+def _fail(what: str, code: int) -> int:
+    """One line on standard error, whatever the message holds."""
+    line = " ".join(what.split())
+    # A person's terminal may stand in the middle of a progress bar's line.
+    start = "\r" if sys.stderr.isatty() else ""
+    print(f"{start}mapmend: {line}", file=sys.stderr)
+    return code
+
+
+class _Parser(argparse.ArgumentParser):
+    """Wrong arguments are one line too, not a page of usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise MapmendError(f"{message}; see {self.prog} --help")
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands and their options."""
+    top = _Parser(prog="mapmend", description="2D laser SLAM that mends its own graph.", allow_abbrev=False)
+    top.add_argument("--version", action="version", version=f"mapmend {__version__}")
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_demo(commands)
+    _add_info(commands)
+    _add_map(commands)
+    _add_eval(commands)
+    _add_simulate(commands)
+    return top
+
+
+def _command(commands: Commands, name: str, module: str, summary: str, more: str = "") -> argparse.ArgumentParser:
+    description = f"{summary[0].upper()}{summary[1:]}. {more}".strip()
+    command = commands.add_parser(name, help=summary, description=description, allow_abbrev=False)
+    command.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
+    command.set_defaults(module=module)
+    return command
+
+
+def _add_demo(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "demo",
+        "demo",
+        "simulate a building with a slippery corridor, map it by each method, and compare with the truth",
+        "Leaves the log, the truth, a RUN folder a method, and demo.png. Replaces an earlier demo.",
+    )
+    command.add_argument("-o", "--output", metavar="DIR", default="demo", help="where to (default: demo)")
+    command.add_argument("--seed", type=_whole, default=1, metavar="N", help="seed of noise and slips (default: 1)")
+    _add_threads(command)
+
+
+def _add_info(commands: Commands) -> None:
+    command = _command(commands, "info", "info", "say what a log, graph, trajectory or map holds, and what is odd")
+    command.add_argument("file", metavar="FILE", help="the file (.gz and .bz2 as they are), or a RUN folder")
+    _add_lenient(command)
+
+
+def _add_map(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "map",
+        "map_log",
+        "map a log: trajectory, pose graph with scans, and occupancy map in a RUN folder",
+        "The RUN folder holds trajectory.tum, graph.g2o, map.pgm with map.yaml, map.png and run.json.",
+    )
+    command.add_argument("log", metavar="LOG", help="a CARMEN log (.gz and .bz2 as they are)")
+    command.add_argument("-o", "--output", metavar="RUN", required=True, help="the folder to write; replaces a RUN")
+    command.add_argument(
+        "--method",
+        choices=METHODS,
+        default=METHODS[0],
+        help="go: matching, loops, optimization (default); scanmatch: no loops; odometry: as the log says; "
+        "igo and gmapping are not built yet",
+    )
+    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
+    command.add_argument("--seed", type=_whole, metavar="N", help="seed of the motion hypotheses (default: 0)")
+    command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
+    _add_lenient(command)
+    _add_threads(command)
+
+
+def _add_eval(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "eval",
+        "evaluate",
+        "measure a trajectory's errors against true relations or a reference trajectory",
+        "Of a log the raw odometry is measured, of a graph with stamps its nodes.",
+    )
+    command.add_argument("file", metavar="RUN|FILE", help="a RUN folder, a TUM trajectory, a log or a graph")
+    command.add_argument("--relations", metavar="F", help="relations 't1 t2 x y z roll pitch yaw' (Kuemmerle et al.)")
+    command.add_argument("--reference", metavar="F", help="a trajectory to align with: absolute trajectory error")
+    command.add_argument("--laser-frame", action="store_true", help="compare poses of the laser, not of the robot")
+    _add_lenient(command)
+
+
+def _add_simulate(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "simulate",
+        "simulate",
+        "drive a robot through a building and write its log, the truth and a picture",
+        "Writes log.clf, truth.tum and world.png. The same options give the same bytes.",
+    )
+    command.add_argument("-o", "--output", metavar="DIR", required=True, help="the folder to write")
+    command.add_argument("--world", choices=WORLDS, default=WORLDS[0], help="the building (default: corridor)")
+    command.add_argument("--seed", type=_whole, default=0, metavar="N", help="seed of world, noise, slips (default: 0)")
+    command.add_argument("--slips", type=_whole, default=3, metavar="N", help="how often the wheels slip (default: 3)")
+    command.add_argument("--range-noise", type=_positive, default=0.01, metavar="M", help="m, 1 sigma (default: 0.01)")
+    command.add_argument("--max-range", type=_positive, default=8.0, metavar="M", help="the laser's, m (default: 8)")
+    command.add_argument("--scans", type=_whole, metavar="N", help="end after N scans (default: the whole route)")
+
+
+def _add_lenient(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--lenient", action="store_true", help="leave unusable lines of a log out, and say so")
+
+
+def _add_threads(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--threads", type=_whole, default=0, metavar="N", help="default: one a core; never changes results"
+    )
+
+
+def _whole(text: str) -> int:
+    value = int(text) if text.isdigit() and len(text) < 19 else -1
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
+    return value
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
+    return value

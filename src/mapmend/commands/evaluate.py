@@ -1,0 +1,126 @@
+"""``mapmend eval``: a trajectory against relations, a reference, or both."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.commands.console import print_json
+from mapmend.errors import InputError, MapmendError
+from mapmend.evaluation.relations import relation_errors
+from mapmend.evaluation.trajectory import trajectory_errors
+from mapmend.geometry.se2 import compose
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.io.info import describe_content
+from mapmend.io.reader import read, read_run
+from mapmend.io.relations import read_relations
+from mapmend.io.tum import Trajectory
+from mapmend.scan import ScanLog, Scans
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Robot poses (n, 3) at stamps (n,); ``T_robot_laser`` where the file tells it, and ``what`` they are."""
+
+    stamps_s: Float
+    poses: Float
+    what: str
+    T_robot_laser: tuple[float, float, float] | None = None
+
+
+def run(options: Namespace) -> int:
+    """Measures ``options.file``; the numbers alone decide nothing, so the exit code is 0."""
+    if not (options.relations or options.reference):
+        raise MapmendError("nothing to compare with; give --relations F or --reference F")
+    measured = load(options.file, options.lenient)
+    values: dict[str, Any] = {"what": measured.what, "frame": "laser" if options.laser_frame else "robot"}
+    mounting = None
+    if options.laser_frame:
+        if measured.T_robot_laser is None:
+            raise InputError(options.file, "does not tell where the laser sits", "give a RUN or a log")
+        mounting = np.array(measured.T_robot_laser)
+    if options.relations:
+        values |= _against_relations(measured, options.relations, mounting)
+    if options.reference:
+        values |= _against_reference(measured, options.reference, options.lenient, mounting)
+    if options.json:
+        print_json(values)
+    else:
+        print("\n".join(_lines(values)))
+    return 0
+
+
+def load(path: str, lenient: bool = False) -> Measured:
+    """The poses in a RUN folder, trajectory, log (raw odometry) or graph with stamps; raises InputError."""
+    if Path(path).is_dir():
+        trajectory, graph = read_run(path)
+        mounting = None if graph is None else _mounting(graph.scans)
+        return Measured(trajectory.stamps_s, trajectory.poses, "trajectory of the run", mounting)
+    content = read(path, lenient)
+    if isinstance(content, Trajectory):
+        return Measured(content.stamps_s, content.poses, "trajectory")
+    if isinstance(content, ScanLog):
+        if not content.has_stamps:
+            raise InputError(path, "the log has no usable timestamps", "evaluation pairs poses by time; name another")
+        return Measured(content.stamps_s, content.odometry, "raw odometry of the log", _mounting(content.scans))
+    if isinstance(content, PoseGraph) and content.stamps_s is not None:
+        known = np.isfinite(content.stamps_s)
+        return Measured(content.stamps_s[known], content.poses[known], "nodes of the graph", _mounting(content.scans))
+    kind = describe_content(content).kind
+    raise InputError(path, f"a {kind} without poses over time", "name a RUN, a TUM trajectory, a log or a graph")
+
+
+def _mounting(scans: Scans | None) -> tuple[float, float, float] | None:
+    """Where the laser sits, if all sit alike."""
+    mountings = set() if scans is None else {geometry.T_robot_laser for geometry in scans.geometries}
+    return mountings.pop() if len(mountings) == 1 else None
+
+
+def _against_relations(measured: Measured, path: str, mounting: Float | None) -> dict[str, Any]:
+    true = read_relations(path)
+    errors = relation_errors(
+        measured.stamps_s, measured.poses, true.t1_s, true.t2_s, true.relative_poses, T_robot_laser=mounting
+    )
+    names = ("translation_mean_m", "translation_std_m", "rotation_mean_deg", "rotation_std_deg", "used", "total")
+    return {name: getattr(errors, name) for name in names}
+
+
+def _against_reference(measured: Measured, path: str, lenient: bool, mounting: Float | None) -> dict[str, Any]:
+    """The reference is taken for the frame that is compared: only the measured poses move to the laser."""
+    reference = load(path, lenient)
+    poses = measured.poses if mounting is None else compose(measured.poses, mounting)
+    errors = trajectory_errors(measured.stamps_s, poses, reference.stamps_s, reference.poses)
+    return {
+        "absolute_rmse_m": errors.translation_rmse_m,
+        "absolute_mean_m": errors.translation_mean_m,
+        "absolute_median_m": errors.translation_median_m,
+        "absolute_max_m": errors.translation_max_m,
+        "absolute_rotation_mean_deg": errors.rotation_mean_deg,
+        "absolute_used": errors.used,
+        "absolute_total": errors.total,
+    }
+
+
+def _lines(values: dict[str, Any]) -> list[str]:
+    lines = [f"{values['what']}, poses of the {values['frame']}"]
+    if "total" in values:
+        lines += [
+            f"relations: {values['used']} of {values['total']} used",
+            f"  translation: {values['translation_mean_m']:.4f} m +- {values['translation_std_m']:.4f} m",
+            f"  rotation: {values['rotation_mean_deg']:.3f} deg +- {values['rotation_std_deg']:.3f} deg",
+        ]
+    if "absolute_total" in values:
+        lines += [
+            f"absolute trajectory error, aligned: {values['absolute_used']} of {values['absolute_total']} poses used",
+            f"  translation: RMSE {values['absolute_rmse_m']:.4f} m, mean {values['absolute_mean_m']:.4f} m, "
+            f"median {values['absolute_median_m']:.4f} m, largest {values['absolute_max_m']:.4f} m",
+            f"  rotation: mean {values['absolute_rotation_mean_deg']:.3f} deg",
+        ]
+    return lines

@@ -1,0 +1,18 @@
+"""``mapmend info``: what a file holds, and what is odd about it."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from mapmend.commands.console import print_json
+from mapmend.io.info import describe
+
+
+def run(options: Namespace) -> int:
+    """Describes ``options.file``."""
+    info = describe(options.file, options.lenient)
+    if options.json:
+        print_json(info.to_dict())
+    else:
+        print("\n".join(info.lines()))
+    return 0

@@ -1,0 +1,76 @@
+"""``mapmend map``: a log in, a RUN folder out."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from dataclasses import replace
+from typing import Any
+
+from mapmend.commands.console import ProgressBar, print_json, say_notes, thread_count, told_compiling
+from mapmend.config import Config, read_toml
+from mapmend.errors import InputError
+from mapmend.io.info import describe_content
+from mapmend.io.output import check_writable
+from mapmend.io.reader import read
+from mapmend.run_folder import write_run
+from mapmend.scan import ScanLog
+from mapmend.slam import build_map, check_method
+
+
+def run(options: Namespace) -> int:
+    """Reads, maps, writes; what can't end well is refused before the work begins."""
+    config = _config(options)
+    check_method(options.method, config)
+    check_writable(options.output)
+    began = time.perf_counter()
+    log = read_log(options.log, options.lenient)
+    seconds = {"read": time.perf_counter() - began}
+    say_notes(log.notes)
+    with ProgressBar() as progress, told_compiling() as compiling:
+        result = build_map(log, options.method, config, threads=thread_count(options.threads), progress=progress)
+    seconds["compile"] = compiling.seconds
+    page = write_run(result, options.output, source=options.log, seconds=seconds)
+    if options.json:
+        print_json({**page, "run": options.output})
+    else:
+        print("\n".join(summary(page, options.output)))
+    return 0
+
+
+def read_log(path: str, lenient: bool = False) -> ScanLog:
+    """The log in a file; raises InputError, saying what the file holds where it is no log."""
+    content = read(path, lenient)
+    if not isinstance(content, ScanLog):
+        raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log")
+    return content
+
+
+def summary(page: dict[str, Any], folder: str) -> list[str]:
+    """What came of it, for people; ``page`` is run.json's."""
+    counts, seconds, extent = page["counts"], page["seconds"], page["extent_m"]
+    lines = [
+        f"{page['log']}: {counts['scans']} scans, {page['path_m']:.1f} m of path "
+        f"over {extent[0]:.1f} m x {extent[1]:.1f} m, method {page['method']}",
+        f"  graph: {counts['nodes']} nodes, {counts['key_nodes']} key-nodes, {counts['loop_edges']} loop edges",
+    ]
+    if counts["loop_edges"]:
+        lines.append(
+            f"  chi2: {page['chi2_initial']:.1f} by odometry edges alone, {page['chi2_final']:.1f} optimized "
+            f"({counts['optimizations']} times)"
+        )
+    # Compiling happens within the other stages.
+    spent = {name: value for name, value in seconds.items() if name != "compile"}
+    parts = ", ".join(f"{name} {value:.1f}" for name, value in spent.items())
+    compiled = f"; {seconds['compile']:.1f} of them compiling" if seconds.get("compile") else ""
+    lines += [f"  seconds: {sum(spent.values()):.1f} ({parts}{compiled})", f"  map: {folder}/map.png"]
+    return lines
+
+
+def _config(options: Namespace) -> Config:
+    config = read_toml(options.config) if options.config else Config()
+    if options.seed is not None:
+        config = replace(config, seed=options.seed)
+    if options.no_odometry:
+        config = replace(config, motion=replace(config.motion, use_odometry=False))
+    return config
