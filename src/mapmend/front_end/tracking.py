@@ -61,16 +61,20 @@ class Tracker:
     ) -> Match:
         """The correlative search over all hypotheses, refined; ``first`` stays unless something scores better."""
         config = self._config
-        reach = float(np.hypot(*(hypotheses[:, :2] - predicted[:2]).T).max())
-        field = likelihood_field(
-            grid, config.match.half_weight_m, (predicted[0], predicted[1]), config.scan.max_range_m + reach
-        )
+        away = np.hypot(*(hypotheses[:, :2] - predicted[:2]).T)
+        radius = float(away.max()) + config.match.reach_m
         turn = float(np.abs(se2.wrap_angle(hypotheses[:, 2] - predicted[2])).max())
-        region = Region(predicted, hypotheses[:, :2], config.match.reach_m, turn, config.loops.tie_weight)
+        farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
+        field = likelihood_field(grid, config.match.half_weight_m, (predicted[0], predicted[1]), farthest + radius)
+        region = Region(predicted, hypotheses[:, :2], config.match.reach_m, turn, config.motion.prior_weight)
         found = search(field, points, region, 0.0)
         if found is None:
             return first
         refined = self._matcher.match(grid, points, found[0], prior)
-        # A share of matched beams is a binomial count: better means by more than its own noise.
+        # A share of matched beams is a binomial count: better means by more than its own noise, and than what the
+        # odometry's word for the other pose is worth.
         noise = math.sqrt(max(first.score * (1.0 - first.score), 0.01) / len(points))
-        return refined if refined.score > first.score + noise else first
+        step = se2.between(predicted, refined.pose)
+        against = (step[0] ** 2 + step[1] ** 2) / radius**2 + (step[2] / max(turn, 1e-3)) ** 2
+        better = refined.score > first.score + noise + config.motion.prior_weight * against
+        return refined if better else first

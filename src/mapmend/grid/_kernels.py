@@ -228,7 +228,9 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
         steepness = abs(nx * dx + ny * dy) / (length + 1e-9)
         clear = 1.0 - CLEARANCE * size / (max(steepness, 0.1) * length + 1e-9)
         if clear > 0.0:
-            count = _pass_through(table, frame, arrays, ox, oy, ox + clear * dx, oy + clear * dy, settings, freed, count)
+            count = _pass_through(
+                table, frame, arrays, ox, oy, ox + clear * dx, oy + clear * dy, settings, freed, count
+            )
     for k in range(count):
         _withdraw(table, frame, arrays, freed[k, 0], freed[k, 1], freed[k, 2], size)
     for k in range(points.shape[0]):

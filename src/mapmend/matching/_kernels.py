@@ -27,8 +27,8 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
     """Gauss-Newton of one scan's points on the surfaces of a grid, from the pose ``start``.
 
     ``prior`` (4, 3): its information along the map's axes, and below it the pose that it expects.
-    ``settings`` = (cell size, reach of a match m, distance m at which a point counts half, standard deviation of a
-    distance m, iterations, convergence m, how much wider reach and half-distance are at the first iteration).
+    ``settings`` = (cell size, reach of a match m, distance m at which a point counts half, least standard
+    deviation of a distance m, iterations, convergence m, how much wider reach and half-distance are at the first iteration).
     ``result``: written: x, y, theta, matched points (within half the reach), points in seen tiles, sum of weights, weighted sum of squared
     distances, and the normal matrix of the last step without the prior (xx, xy, xt, yy, yt, tt).
     """
@@ -103,6 +103,9 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
                 squares += w * d2
         if iteration == last or converged:
             break
+        # Where the surfaces are rough (leaves, people), a distance says less, and the prior more.
+        if weights > 0.0:
+            s2 = max(settings[3] * settings[3], squares / weights)
         px, py, pt = x - prior[3, 0], y - prior[3, 1], _wrap(theta - prior[3, 2])
         axx, axy, axt = hxx + s2 * prior[0, 0], hxy + s2 * prior[0, 1], hxt + s2 * prior[0, 2]
         ayy, ayt, att = hyy + s2 * prior[1, 1], hyt + s2 * prior[1, 2], htt + s2 * prior[2, 2]
@@ -219,6 +222,8 @@ def search_poses(levels, points, centre, thetas, offsets, settings, best):
                 for h in range(4):
                     dx, dy = dx2 + (h & 1), dy2 + (h >> 1)
                     ax, ay = (dx - settings[3]) / settings[6], (dy - settings[4]) / settings[6]
+                    if ax * ax + ay * ay > 1.0:
+                        continue
                     score = _sum_at(levels[0], 0, cs, rs, dx, dy) * scale
                     score -= settings[2] * (ax * ax + ay * ay + turn * turn)
                     if score > best[0]:

@@ -48,7 +48,9 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
     step = size / ANGLE_RANGE_M
     half = math.ceil(region.angle_rad / step)
     thetas = prior[2] + step * np.arange(-half, half + 1)
-    offsets, reach = _blocks((region.guesses - prior[:2]) / size, region.radius_m / size)
+    guesses = (region.guesses - prior[:2]) / size
+    offsets = _blocks(guesses, region.radius_m / size)
+    reach = float(np.hypot(guesses[:, 0], guesses[:, 1]).max()) + region.radius_m / size
     settings = np.array(
         [size, score_to_beat, region.tie_weight, 0.0, 0.0, prior[2], max(reach, 1.0), max(region.angle_rad, step)]
     )
@@ -60,8 +62,8 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
     return pose, float(best[0])
 
 
-def _blocks(guesses: Float, radius: float) -> tuple[NDArray[np.int64], float]:
-    """The 8 x 8 blocks of whole-cell offsets that any disc touches, shape (m, 2), and the farthest offset, in cells."""
+def _blocks(guesses: Float, radius: float) -> NDArray[np.int64]:
+    """The 8 x 8 blocks of whole-cell offsets that any disc touches, shape (m, 2), in cells."""
     blocks = np.floor(guesses / BLOCK).astype(np.int64)
     low = blocks.min(axis=0)
     reach = math.ceil(radius / BLOCK)
@@ -71,4 +73,4 @@ def _blocks(guesses: Float, radius: float) -> tuple[NDArray[np.int64], float]:
     if reach:
         covered = distance_transform_edt(~seeds) <= reach + 0.5
     every = (np.argwhere(covered) + low - reach) * BLOCK
-    return np.ascontiguousarray(every, dtype=np.int64), float(np.hypot(every[:, 0], every[:, 1]).max())
+    return np.ascontiguousarray(every, dtype=np.int64)
