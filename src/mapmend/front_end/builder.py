@@ -115,7 +115,7 @@ class FrontEnd:
         least = self.config.match.min_score
         if match.score < least:
             observed = observed + (least - match.score) / least * odometry
-        return np.linalg.inv(observed)
+        return np.asarray(np.linalg.inv(observed), dtype=np.float64)
 
     def _insert(self, k: int, pose: Float) -> None:
         grid = self.config.grid

@@ -61,7 +61,7 @@ class GlobalGrid:
         self._contents.add(k)
 
     def _has_room(self, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which nodes show something new: at most ``CROWD`` from one spot in one direction, however often it was passed.
+        """Which nodes show something new: at most ``CROWD`` from one spot in one direction, however often passed.
 
         So the cost of building the grid follows the area around the robot, not the length of the log.
         """

@@ -45,7 +45,7 @@ class Tracker:
             return Tracked(match, searched=False)
         covariance = odometry_covariance(motion, self._config.motion)
         hypotheses = self._hypotheses(before, predicted, covariance)
-        found = self._best_of(grid, points, hypotheses, predicted, prior, match)
+        found = self._best_of(grid, points, hypotheses, prior, match)
         return Tracked(found, searched=True)
 
     def _is_doubtful(self, match: Match, points: int) -> bool:
@@ -56,11 +56,9 @@ class Tracker:
         drawn = draw_hypotheses(predicted, covariance, self._config.motion.hypotheses, self._random)
         return np.concatenate((predicted[None], before[None], drawn))
 
-    def _best_of(
-        self, grid: SurfaceGrid, points: Float, hypotheses: Float, predicted: Float, prior: Float, first: Match
-    ) -> Match:
+    def _best_of(self, grid: SurfaceGrid, points: Float, hypotheses: Float, prior: Float, first: Match) -> Match:
         """The correlative search over all hypotheses, refined; ``first`` stays unless something scores better."""
-        config = self._config
+        config, predicted = self._config, prior[3]
         away = np.hypot(*(hypotheses[:, :2] - predicted[:2]).T)
         radius = float(away.max()) + config.match.reach_m
         turn = float(np.abs(se2.wrap_angle(hypotheses[:, 2] - predicted[2])).max())

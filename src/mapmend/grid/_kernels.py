@@ -124,7 +124,7 @@ def _announce(table, frame, surface, nearest, cell, row, column, size):
 @njit(cache=True, nogil=True)
 def _withdraw(table, frame, arrays, cell, row, column, size):
     """A cell became free: those around it that pointed at it look for the next nearest."""
-    surface, returns, evidence, nearest = arrays
+    surface, returns, _, nearest = arrays
     returns[cell] = 0
     for r in range(row - REACH, row + REACH + 1):
         for c in range(column - REACH, column + REACH + 1):
@@ -181,7 +181,7 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
 
 @njit(cache=True, nogil=True)
 def find_room(table, frame, tiles, points, pose, size, box):
-    """Whether the table covers a scan's points and tiles enough are left; ``box`` is written: the tiles that they ask for.
+    """Whether the table covers a scan's points and tiles enough are left; ``box`` takes the tiles that they ask for.
 
     ``box`` = first row, first column, last row, last column, in tiles.
     """

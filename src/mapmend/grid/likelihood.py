@@ -20,8 +20,8 @@ class LikelihoodField:
     Its cells are twice as wide as the grid's: what is found is refined on the surfaces themselves.
 
     Cell (row, column) of the finest level covers ``origin + (column, row) * cell_size_m`` onwards (metres, grid frame).
-    A cell of level h bounds what any finest cell from its corner on over twice its width could score, so that one look-up
-    bounds all whole-cell offsets that begin in one block.
+    A cell of level h bounds what any finest cell from its corner on over twice its width could score, so that one
+    look-up bounds all whole-cell offsets that begin in one block.
     """
 
     levels: tuple[Bytes, Bytes, Bytes, Bytes]
@@ -80,7 +80,7 @@ def _halved(cells: Bytes) -> Bytes:
 
 
 def _reaching_over(blocks: Bytes) -> Bytes:
-    """Each block's maximum with its three neighbours to the right, above and across: what an offset within it can reach."""
+    """Each block's maximum with its neighbours right, above and across: what an offset within it can reach."""
     wide = blocks.copy()
     wide[:, :-1] = np.maximum(blocks[:, :-1], blocks[:, 1:])
     tall = wide.copy()

@@ -42,7 +42,10 @@ class SurfaceGrid:
         used = int(self.frame[0]) * _kernels.TILE_CELLS
         self.frame[0] = 0
         surface, returns, evidence, nearest = self.arrays
-        surface[:used], returns[:used], evidence[:used], nearest[:used] = 0.0, 0, 0, -1
+        surface[:used] = 0.0
+        returns[:used] = 0
+        evidence[:used] = 0
+        nearest[:used] = -1
 
     def _make_room(self, box: NDArray[np.int64]) -> None:
         """Grows the table over the box of tiles, and the arrays by as many tiles as the box could ask for."""

@@ -28,9 +28,10 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
 
     ``prior`` (4, 3): its information along the map's axes, and below it the pose that it expects.
     ``settings`` = (cell size, reach of a match m, distance m at which a point counts half, least standard
-    deviation of a distance m, iterations, convergence m, how much wider reach and half-distance are at the first iteration).
-    ``result``: written: x, y, theta, matched points (within half the reach), points in seen tiles, sum of weights, weighted sum of squared
-    distances, and the normal matrix of the last step without the prior (xx, xy, xt, yy, yt, tt).
+    deviation of a distance m, iterations, convergence m, how much wider reach and half-distance are at first).
+    ``result``: written: x, y, theta, matched points (within half the reach), points in seen tiles, sum of
+    weights, weighted sum of squared distances, and the normal matrix of the last step without the
+    prior (xx, xy, xt, yy, yt, tt).
     """
     surface, _, _, nearest = arrays
     size, reach = settings[0], settings[1]
@@ -183,11 +184,11 @@ def search_poses(levels, points, centre, thetas, offsets, settings, best):
     """The best-scoring pose of all whole-cell offsets and angles, exactly, by branch and bound from coarse to fine.
 
     ``levels``: four uint8 arrays, the likelihood in cells of 1, 2, 4 and 8, each bounding those that it stands for.
-    ``points`` (n, 2+): robot frame. ``centre``: x, y in cells of the finest level. ``offsets`` (m, 2) int64: the corners
-    of the 8 x 8 blocks of whole-cell offsets to look through. ``settings`` = (cell size, score to beat, tie weight,
-    prior x, prior y in cells from the centre, prior theta, radius in cells, radius in rad). A score is the mean
-    likelihood of the points less the tie weight times the squared distance from the prior in radii, so that scores which
-    the noise could have swapped go to the pose nearest the prior.
+    ``points`` (n, 2+): robot frame. ``centre``: x, y in cells of the finest level. ``offsets`` (m, 2) int64: the
+    corners of the 8 x 8 blocks of whole-cell offsets to look through. ``settings`` = (cell size, score to beat, tie
+    weight, prior x, prior y in cells from the centre, prior theta, radius in cells, radius in rad). A score is the mean
+    likelihood of the points less the tie weight times the squared distance from the prior in radii, so that scores
+    which the noise could have swapped go to the pose nearest the prior.
     ``best``: written: score, dx, dy in cells, theta; the score stays what it was where nothing beats it.
     """
     n = points.shape[0]

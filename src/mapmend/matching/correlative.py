@@ -1,4 +1,4 @@
-"""Correlative scan matching: the best-scoring pose of a whole region, for where there is doubt (IGO's [17], Olson 2009)."""
+"""Correlative scan matching: the best-scoring pose of a region, for where there is doubt (IGO's [17]: Olson 2009)."""
 
 from __future__ import annotations
 
