@@ -1,6 +1,6 @@
 """mapmend: 2D laser SLAM that mends its own graph and tells whether the map can be trusted.
 
-    log = mapmend.read("intel.clf.bz2")
+    log = mapmend.read_log("intel.clf.bz2")
     result = mapmend.build_map(log)
     mapmend.write_run(result, "intel-run")
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mapmend.run_folder import write_run as write_run
     from mapmend.slam import MapResult as MapResult
     from mapmend.slam import build_map as build_map
+    from mapmend.slam import read_log as read_log
 
 __version__ = "0.1.0"
 
@@ -28,10 +29,11 @@ _HOMES = {
     "MapmendError": "mapmend.errors",
     "build_map": "mapmend.slam",
     "read": "mapmend.io.reader",
+    "read_log": "mapmend.slam",
     "write_run": "mapmend.run_folder",
 }
 
-__all__ = ["Config", "MapResult", "MapmendError", "__version__", "build_map", "read", "write_run"]
+__all__ = ["Config", "MapResult", "MapmendError", "__version__", "build_map", "read", "read_log", "write_run"]
 
 
 def __getattr__(name: str) -> Any:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,9 @@ from mapmend.errors import InputError, MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.grid.occupancy import occupancy_map
+from mapmend.io.info import describe_content
 from mapmend.io.nav2 import OccupancyMap
+from mapmend.io.reader import read
 from mapmend.io.tum import Trajectory
 from mapmend.parallel import Progress, no_progress
 from mapmend.scan import ScanLog
@@ -66,6 +69,14 @@ class Built:
     key_nodes: Int
     searched: int = 0
     optimizations: int = 0
+
+
+def read_log(path: str | Path, lenient: bool = False) -> ScanLog:
+    """The log in a file; raises InputError, saying what the file holds where it is no log."""
+    content = read(path, lenient)
+    if not isinstance(content, ScanLog):
+        raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log")
+    return content
 
 
 def build_map(

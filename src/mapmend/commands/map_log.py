@@ -9,13 +9,9 @@ from typing import Any
 
 from mapmend.commands.console import ProgressBar, print_json, say_notes, thread_count, told_compiling
 from mapmend.config import Config, read_toml
-from mapmend.errors import InputError
-from mapmend.io.info import describe_content
 from mapmend.io.output import check_writable
-from mapmend.io.reader import read
 from mapmend.run_folder import write_run
-from mapmend.scan import ScanLog
-from mapmend.slam import build_map, check_method
+from mapmend.slam import build_map, check_method, read_log
 
 
 def run(options: Namespace) -> int:
@@ -36,14 +32,6 @@ def run(options: Namespace) -> int:
     else:
         print("\n".join(summary(page, options.output)))
     return 0
-
-
-def read_log(path: str, lenient: bool = False) -> ScanLog:
-    """The log in a file; raises InputError, saying what the file holds where it is no log."""
-    content = read(path, lenient)
-    if not isinstance(content, ScanLog):
-        raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log")
-    return content
 
 
 def summary(page: dict[str, Any], folder: str) -> list[str]:

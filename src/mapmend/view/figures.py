@@ -39,7 +39,7 @@ def new_figure(panels: int, width_m: float, height_m: float) -> Figure:
 
     side = 4.6
     aspect = min(max(height_m / width_m, 0.4), 2.5)
-    figure = Figure(figsize=(panels * side, side * aspect + 0.9), layout="constrained")
+    figure = Figure(figsize=(panels * side, (side - 0.5) * aspect + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

@@ -1,0 +1,29 @@
+"""Measure a RUN and the raw odometry of its log against a reference: ... 04_evaluate.py RUN LOG REFERENCE.tum"""
+
+import sys
+
+from mapmend.evaluation.trajectory import relative_errors, trajectory_errors
+from mapmend.io.carmen import read_carmen
+from mapmend.io.reader import read_run
+from mapmend.io.tum import read_tum
+
+
+def main(run_folder: str, log_path: str, reference_path: str) -> None:
+    reference = read_tum(reference_path)
+    log = read_carmen(log_path)
+    trajectory, _ = read_run(run_folder)
+
+    for name, stamps, poses in (
+        ("odometry", log.stamps_s, log.odometry),
+        ("run", trajectory.stamps_s, trajectory.poses),
+    ):
+        absolute = trajectory_errors(stamps, poses, reference.stamps_s, reference.poses)
+        relative = relative_errors(stamps, poses, reference.stamps_s, reference.poses, distance_m=1.0)
+        print(
+            f"{name:10} {absolute.translation_rmse_m:.3f} m after alignment, "
+            f"{relative.translation_rmse_m:.3f} m and {relative.rotation_mean_deg:.2f} deg over each metre"
+        )
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:4])

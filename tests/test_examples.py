@@ -1,0 +1,60 @@
+"""Every example runs, on a short log, and prints what its page promises."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+import mapmend
+from mapmend import simulation as simulation_module
+from mapmend.commands.simulate import first_scans
+from mapmend.io.carmen import write_carmen
+from mapmend.io.tum import write_tum
+from mapmend.simulation import corridor_loop, simulate
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A short log, its truth, and its RUN."""
+    place = tmp_path_factory.mktemp("examples")
+    simulation = first_scans(simulate(corridor_loop(), seed=2), 120)
+    write_carmen(place / "log.clf", simulation.log)
+    write_tum(place / "truth.tum", simulation.log.stamps_s, simulation.truth)
+    mapmend.write_run(mapmend.build_map(simulation.log), place / "run")
+    return place
+
+
+def run(name, *arguments):
+    (path,) = EXAMPLES.glob(f"{name}_*.py")
+    assert len(path.read_text().splitlines()) <= 50
+    runpy.run_path(str(path))["main"](*map(str, arguments))
+
+
+def test_01(folder, tmp_path, capsys):
+    run("01", folder / "log.clf", tmp_path / "run")
+    assert "120 scans" in capsys.readouterr().out
+    assert (tmp_path / "run" / "map.png").is_file()
+
+
+def test_02(capsys, monkeypatch):
+    whole = simulation_module.simulate
+    monkeypatch.setattr(simulation_module, "simulate", lambda *a, **k: first_scans(whole(*a, **k), 150))
+    run("02")
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["odometry", "scanmatch", "go"]
+
+
+def test_03(folder, capsys):
+    run("03", folder / "run")
+    assert "least certain is node" in capsys.readouterr().out
+
+
+def test_04(folder, capsys):
+    run("04", folder / "run", folder / "log.clf", folder / "truth.tum")
+    assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+def test_all_examples_are_run_here():
+    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04"]
