@@ -44,6 +44,7 @@ class FrontEnd:
         self._loops = LoopSearch(self.state, self.key_nodes, self._points, self._matcher, config)
         self._inserted_at = np.full(3, np.inf)
         self._motion_since_node = np.zeros(3)
+        self._covariance_at_node = np.zeros((3, 3))
         self._strained = False
         self._optimized_at_m = 0.0
         self.optimizations = 0
@@ -96,7 +97,7 @@ class FrontEnd:
 
     def _open_node(self, k: int, pose: Float, match: Match | None) -> None:
         """Adds the node and its odometry edge with the covariance of IGO (2)."""
-        information = np.eye(3) if match is None else self._edge_information(match, len(self._points.of(k)))
+        information = np.eye(3) if match is None else self._edge_information(match)
         node = self.state.add_node(k, pose, information)
         self._motion_since_node = np.zeros(3)
         if self.key_nodes.add_node(node):
@@ -104,18 +105,22 @@ class FrontEnd:
         if match is None:
             self._insert(k, pose)
 
-    def _edge_information(self, match: Match, points: int) -> Float:
+    def _edge_information(self, match: Match) -> Float:
         """The inverse of IGO (2): Sigma_obs where the score is good, more and more of Sigma_odo where it is not.
 
-        The match was found with the odometry as its prior; Sigma_obs therefore is that of both together, and along a
-        corridor, where the beams say nothing, the odometry's.
+        Both ends of the edge were matched on the grid, each with its own noise. The odometry was the prior of every
+        match: Sigma_obs is that of both together, and along a corridor, where the beams say nothing, the odometry's.
         """
         odometry = odometry_covariance(self._motion_since_node, self.config.motion)
-        observed = np.linalg.inv(match.information(self.config.match.distance_std_m) + np.linalg.inv(odometry))
+        observed = match.covariance()
+        carry = se2.adjoint(se2.inverse(self._motion_since_node))
+        both = observed + carry @ self._covariance_at_node @ carry.T
+        self._covariance_at_node = observed
+        edge = np.linalg.inv(np.linalg.inv(both) + np.linalg.inv(odometry))
         least = self.config.match.min_score
         if match.score < least:
-            observed = observed + (least - match.score) / least * odometry
-        return np.asarray(np.linalg.inv(observed), dtype=np.float64)
+            edge = edge + (least - match.score) / least * odometry
+        return np.asarray(np.linalg.inv(edge), dtype=np.float64)
 
     def _insert(self, k: int, pose: Float) -> None:
         grid = self.config.grid

@@ -29,9 +29,15 @@ class KeyNode:
 
 @dataclass
 class LocalGrid:
-    """A key-node's grid, in the frame of its first node, and the likelihood field made from it when first asked for."""
+    """A key-node's grid, and the likelihood field made from it when first asked for.
+
+    Its frame is that of node ``first``; ``poses`` (n, 3) are those that the nodes from ``begin`` on had in that frame when
+    the grid was built from them, and still have in it whatever the optimizer did to the map since.
+    """
 
     grid: SurfaceGrid
+    begin: int
+    poses: Float
     field: LikelihoodField | None = None
 
 
@@ -113,7 +119,7 @@ class KeyNodes:
         first = int(np.searchsorted(path, path[anchor] - half))
         end = int(np.searchsorted(path, path[self.rows[k].end - 1] + half, side="right"))
         self.insert_nodes(grid, np.arange(first, end), state.node_pose[anchor])
-        self._grids[k] = LocalGrid(grid)
+        self._grids[k] = LocalGrid(grid, first, se2.between(state.node_pose[anchor], state.node_pose[first:end]))
         if len(self._grids) > KEPT_GRIDS:
             self._grids.popitem(last=False)
         return self._grids[k]

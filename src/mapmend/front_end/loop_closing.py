@@ -219,6 +219,24 @@ class LoopSearch:
         return np.ascontiguousarray(np.concatenate(parts))
 
     def _edge(self, candidate: Candidate, match: Match) -> LoopEdge:
-        anchor = self._key_nodes.rows[candidate.key_node].first
-        information = match.information(self._config.match.distance_std_m)
-        return LoopEdge(anchor, self._state.last, match.pose, information)
+        """The edge from the key-node's nearest node: its lever is short, and the grid's own bend small."""
+        local = self._key_nodes.local_grid(candidate.key_node)
+        anchor = candidate.nearest
+        measured = se2.between(local.poses[anchor - local.begin], match.pose)
+        covariance = match.covariance() + self._bend(candidate, measured)
+        information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+        return LoopEdge(anchor, self._state.last, measured, information)
+
+    def _bend(self, candidate: Candidate, T_anchor_node: Float) -> Float:
+        """What the local grid itself may be wrong by, in the frame of the matched node.
+
+        It was built from nodes along the trajectory: seen from one of them, the walls are as uncertain as the way to the
+        node that saw them, on average half as far as the key-node is long.
+        """
+        state = self._state
+        way = 0.5 * self._config.key_nodes.trajectory_length_m
+        path = state.node_path_m[: state.count]
+        end = int(np.searchsorted(path, path[candidate.nearest] + way))
+        chain = state.chain_covariance(candidate.nearest, min(end, state.last))
+        carry = se2.adjoint(se2.between(T_anchor_node, se2.between(*state.node_pose[[candidate.nearest, end]])))
+        return np.asarray(carry @ chain @ carry.T)

@@ -3,8 +3,9 @@
 A grid is a table of tiles: ``table[row, column]`` names a tile of TILE x TILE cells, or -1; ``frame`` = (tiles in use,
 the table's first tile row, its first tile column). Cell arrays are flat over tiles; a cell's number is
 ``tile * TILE**2 + row_in_tile * TILE + column_in_tile``. They come as one tuple:
-``surface[cell]`` = mean x, mean y, mean normal x, mean normal y of the returns in the cell (float32, metres in the
-grid's frame; the normals look towards the sensor);
+``surface[cell]`` = mean x, mean y, mean normal x, mean normal y, side of the returns in the cell (float32, metres in
+the grid's frame). The normals look towards the sensor that saw the surface first; the side is 1 where all others saw it
+from there too, lower where a thin wall was seen from both;
 ``returns[cell]`` = how many the mean stands for (uint8, saturating: the mean forgets slowly);
 ``evidence[cell]`` = 0 where never seen, above it occupied, below it free (int8);
 ``nearest[cell]`` = the number of the occupied cell whose mean lies nearest to this cell's centre, within REACH cells,
@@ -246,7 +247,7 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
         if returns[cell] == 0:
             returns[cell] = 1
             surface[cell, 0], surface[cell, 1] = x, y
-            surface[cell, 2], surface[cell, 3] = nx, ny
+            surface[cell, 2], surface[cell, 3], surface[cell, 4] = nx, ny, 1.0
             _announce(table, frame, surface, nearest, cell, row, column, size)
         else:
             if returns[cell] < MEAN_MEMORY:
@@ -254,5 +255,9 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
             share = 1.0 / returns[cell]
             surface[cell, 0] += share * (x - surface[cell, 0])
             surface[cell, 1] += share * (y - surface[cell, 1])
+            seen_from = 1.0
+            if nx * surface[cell, 2] + ny * surface[cell, 3] < 0.0:
+                seen_from, nx, ny = -1.0, -nx, -ny
             surface[cell, 2] += share * (nx - surface[cell, 2])
             surface[cell, 3] += share * (ny - surface[cell, 3])
+            surface[cell, 4] += share * (seen_from - surface[cell, 4])

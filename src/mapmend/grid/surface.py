@@ -29,8 +29,8 @@ class SurfaceGrid:
     def _allocate(self, tiles: int) -> None:
         self._tiles = tiles
         cells = tiles * _kernels.TILE_CELLS
-        self.arrays = (
-            np.zeros((cells, 4), dtype=np.float32),
+        self.arrays: tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.int8], NDArray[np.int32]] = (
+            np.zeros((cells, 5), dtype=np.float32),
             np.zeros(cells, dtype=np.uint8),
             np.zeros(cells, dtype=np.int8),
             np.full(cells, -1, dtype=np.int32),

@@ -15,6 +15,8 @@ COHERENT = 0.6
 CLUTTER_WEIGHT = 0.3
 # Cosine between the normals of a point and of a surface below which they are two sides of a thin wall.
 OTHER_SIDE = -0.3
+# A surface whose side is at least this was seen from that side only: what looks at it from behind is another wall.
+ONE_SIDED = 0.8
 
 
 @njit(cache=True, nogil=True)
@@ -69,8 +71,8 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
             coherence = nx * nx + ny * ny
             sx = cos * points[k, 2] - sin * points[k, 3]
             sy = sin * points[k, 2] + cos * points[k, 3]
-            if coherence > COHERENT and sx * nx + sy * ny < OTHER_SIDE:
-                continue  # the other side of a thin wall
+            if coherence > COHERENT and surface[source, 4] > ONE_SIDED and sx * nx + sy * ny < OTHER_SIDE:
+                continue  # the other side of a wall
             if d2 < counted:
                 matched += 1
             if coherence > COHERENT:
@@ -155,7 +157,8 @@ def score_points(table, frame, arrays, points, pose, settings, result):
             nx, ny = surface[source, 2], surface[source, 3]
             sx = cos * points[k, 2] - sin * points[k, 3]
             sy = sin * points[k, 2] + cos * points[k, 3]
-            if nx * nx + ny * ny < COHERENT or sx * nx + sy * ny >= OTHER_SIDE:
+            known_side = nx * nx + ny * ny > COHERENT and surface[source, 4] > ONE_SIDED
+            if not known_side or sx * nx + sy * ny >= OTHER_SIDE:
                 distance = math.sqrt((x - surface[source, 0]) ** 2 + (y - surface[source, 1]) ** 2)
         if distance < settings[1]:
             matched += 1

@@ -17,6 +17,10 @@ Float = NDArray[np.float64]
 # Where the six numbers of a symmetric matrix stand in a kernel's result.
 _SYMMETRIC = np.array([[7, 8, 9], [8, 10, 11], [9, 11, 12]])
 
+# No laser of this kind is better than half a centimetre, whatever a few beams happen to say.
+LEAST_RESIDUAL_M = 0.005
+UNSEEN_STD_M = 10.0
+
 NO_PRIOR = np.zeros((4, 3))
 
 
@@ -34,14 +38,17 @@ class Match:
     normal_matrix: Float
     residual_std_m: float
 
-    def information(self, min_std_m: float) -> Float:
-        """``normal_matrix`` over the residual variance, in the pose's own frame, shape (3, 3): Hessian method of [2].
+    def covariance(self) -> Float:
+        """Sigma_obs of the pose on the grid, in the pose's own frame, shape (3, 3): Hessian method of IGO's [2].
 
-        The variance is that of the residuals, at least ``min_std_m`` squared.
+        The residual variance over the normal matrix. Directions in which the surfaces say nothing come out as wide as
+        ``UNSEEN_STD_M``.
         """
-        cos, sin = np.cos(self.pose[2]), np.sin(self.pose[2])
+        cos, sin = math.cos(self.pose[2]), math.sin(self.pose[2])
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        return np.asarray(turn.T @ self.normal_matrix @ turn / max(self.residual_std_m, min_std_m) ** 2)
+        variance = max(self.residual_std_m, LEAST_RESIDUAL_M) ** 2
+        information = turn.T @ self.normal_matrix @ turn / variance + np.eye(3) / UNSEEN_STD_M**2
+        return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
 
 class SurfaceMatcher:
