@@ -39,14 +39,14 @@ def new_figure(panels: int, width_m: float, height_m: float) -> Figure:
 
     side = 4.6
     aspect = min(max(height_m / width_m, 0.4), 2.5)
-    figure = Figure(figsize=(panels * side, (side - 0.5) * aspect + 0.9), layout="constrained")
+    figure = Figure(figsize=(panels * side, side * aspect + 0.9), layout="compressed")
     FigureCanvasAgg(figure)
     return figure
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Writes a PNG without the date and the program's version: the same drawing, the same bytes."""
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+    figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.15, metadata={"Software": None})
 
 
 def draw_world(walls: Float, truth: Float, path: str | Path, title: str) -> None:
