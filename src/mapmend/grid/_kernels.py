@@ -171,30 +171,33 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
         if evidence[cell] > -MOST_EVIDENCE:
             evidence[cell] -= 1
             if evidence[cell] == 0:
-                evidence[cell] = -1
                 if count < freed.shape[0]:
+                    evidence[cell] = -1
                     freed[count, 0], freed[count, 1], freed[count, 2] = cell, row + first_row, column + first_column
                     count += 1
+                else:
+                    evidence[cell] = 1  # no room to note it: the next beam through it frees it
         x += step_x
         y += step_y
     return count
 
 
 @njit(cache=True, nogil=True)
-def find_room(table, frame, tiles, points, pose, size, box):
-    """Whether the table covers a scan's points and tiles enough are left; ``box`` takes the tiles that they ask for.
+def find_room(table, frame, tiles, points, origin, pose, size, box):
+    """Whether the table covers a scan's points and its laser, and tiles enough are left for them.
 
-    ``box`` = first row, first column, last row, last column, in tiles.
+    ``origin`` = the laser's place on the robot; ``box``: written: first row, first column, last row, last column, in
+    tiles, of what the scan asks for.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    low_x, high_x, low_y, high_y = pose[0], pose[0], pose[1], pose[1]
+    low_x = high_x = pose[0] + cos * origin[0] - sin * origin[1]
+    low_y = high_y = pose[1] + sin * origin[0] + cos * origin[1]
     for k in range(points.shape[0]):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
         low_x, high_x = min(low_x, x), max(high_x, x)
         low_y, high_y = min(low_y, y), max(high_y, y)
-    # The laser may stand off the robot's centre: a margin of a metre covers its place too.
-    span, margin = size * TILE, size * (REACH + 1) + 1.0
+    span, margin = size * TILE, size * (REACH + 1)
     box[0], box[1] = int(math.floor((low_y - margin) / span)), int(math.floor((low_x - margin) / span))
     box[2], box[3] = int(math.floor((high_y + margin) / span)), int(math.floor((high_x + margin) / span))
     if box[0] < frame[1] or box[1] < frame[2]:

@@ -14,7 +14,7 @@ class SurfaceGrid:
     """Cells of ``cell_size_m``, each with the mean place and normal of the returns in it and with the beams' passes.
 
     Tiles of 32 x 32 cells are taken into use where beams went; memory follows the area that was seen. Every cell also
-    knows the nearest surface within three cells: the look-up that matching needs.
+    knows the nearest surface within four cells: the look-up that matching needs.
     """
 
     def __init__(self, cell_size_m: float = 0.05) -> None:
@@ -73,7 +73,9 @@ class SurfaceGrid:
         """Adds a scan: ``points`` (n, 4) from `project_scan`, the laser's place on the robot, ``T_grid_robot``."""
         if len(points) == 0:
             return
-        if not _kernels.find_room(self.table, self.frame, self._tiles, points, pose, self.cell_size_m, self._box):
+        if not _kernels.find_room(
+            self.table, self.frame, self._tiles, points, laser_origin, pose, self.cell_size_m, self._box
+        ):
             self._make_room(self._box)
         _kernels.insert_points(self.table, self.frame, self.arrays, points, laser_origin, pose, self._settings)
         self._settings[1] = (self._settings[1] + 1) % self._settings[2]
