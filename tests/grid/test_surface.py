@@ -1,0 +1,267 @@
+"""The surface grid against its plain twin, and what must hold whatever was put into it."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapmend.geometry import se2
+from mapmend.grid import _kernels
+from mapmend.grid.surface import SurfaceGrid
+from tests.grid.contents import Contents, around
+from tests.reference.surface_grid import REACH, PlainGrid, nearest_distance, project_scan
+
+SIZE = 0.05
+seeds = st.integers(0, 2**32 - 1)
+readings = st.one_of(st.floats(0.0625, 12.0, width=32), st.sampled_from([np.inf, np.nan, 0.03125]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(readings, max_size=12).flatmap(
+        lambda some: st.tuples(st.just(some), st.lists(st.floats(-0.02, 0.02), min_size=len(some), max_size=len(some)))
+    ),
+    st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)),
+    st.booleans(),
+)
+def test_projected_points_and_normals_are_those_of_the_plain_twin(drawn, mounting, smooth):
+    ranges, noise = drawn
+    if smooth and ranges:  # a surface: neighbours belong together
+        ranges = [ranges[0] * (1.0 + n) for n in noise]
+    ranges = np.array(ranges, dtype=np.float32)
+    bearings = -1.0 + 0.2 * np.arange(len(ranges))
+    limits = np.array([0.05, 10.0, 0.1])
+    expected = project_scan([float(r) for r in ranges], bearings, limits, mounting)
+    points = np.full((len(ranges), 4), 7.0)
+    count = _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), limits, np.array(mounting), points)
+    assert count == len(expected)
+    np.testing.assert_allclose(points[:count], np.array(expected).reshape(-1, 4), atol=1e-9)
+
+
+def test_normals_of_a_wall_look_at_the_laser():
+    bearings = np.radians(np.arange(-60.0, 61.0))
+    points = np.zeros((len(bearings), 4))
+    ranges = (2.0 / np.cos(bearings)).astype(np.float32)
+    _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), np.array([0.05, 30.0, 0.1]), np.zeros(3), points)
+    np.testing.assert_allclose(points[1:-1, 2:], np.tile([-1.0, 0.0], (len(bearings) - 2, 1)), atol=1e-5)
+    assert np.all(points[[0, -1], 2:] == 0.0)
+
+
+def random_scan(rng, beams=24, far_m=3.0):
+    """Points all around with normals that look roughly at the laser, some without."""
+    bearings = rng.uniform(-np.pi, np.pi, beams)
+    ranges = rng.uniform(0.02, far_m, beams)
+    normals = bearings + np.pi + rng.uniform(-1.5, 1.5, beams)
+    has_normal = rng.uniform(size=beams) < 0.8
+    points = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings), np.cos(normals), np.sin(normals)))
+    points[~has_normal, 2:] = 0.0
+    return points
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds, st.sampled_from([0.05, 0.2]))
+def test_surfaces_returns_and_evidence_are_those_of_the_plain_twin(seed, size):
+    rng = np.random.default_rng(seed)
+    grid, plain = SurfaceGrid(size), PlainGrid(size)
+    spots = rng.uniform((-4, -4, -3), (4, 4, 3), (3, 3))
+    scans = [random_scan(rng) for _ in range(3)]
+    for k in range(30):  # few scans from few spots, again and again: cells fill, free, and fill again
+        points, pose = scans[rng.integers(3)], spots[rng.integers(3)]
+        laser = np.array([0.1, -0.05, 0.3])
+        grid.insert(points, laser, pose)
+        plain.insert(points, laser, pose, k % 3, 3)
+    found = Contents(grid)
+    assert found.evidence == plain.evidence
+    assert found.returns == plain.returns
+    assert found.mean.keys() == plain.mean.keys()
+    for cell, mean in plain.mean.items():
+        assert found.mean[cell] == pytest.approx(mean, abs=2e-5)
+
+
+def test_evidence_saturates_and_means_forget():
+    grid, origin = SurfaceGrid(SIZE), np.zeros(3)
+    early, late = np.array([[1.001, 0.01, -1.0, 0.0]]), np.array([[1.049, 0.01, -1.0, 0.0]])
+    for _ in range(300):
+        grid.insert(early, origin, np.zeros(3))
+    for _ in range(200):
+        grid.insert(late, origin, np.zeros(3))
+    found = Contents(grid)
+    assert found.evidence[0, 20] == 100
+    assert min(found.evidence.values()) == -100
+    assert found.mean[0, 20][0] == pytest.approx(1.049, abs=1e-3)
+
+
+def snapped(points, pose):
+    """The points moved to one place in each cell that depends on the cell alone: means that never move."""
+    there = se2.transform_points(pose, points[:, :2])
+    cells = np.floor(there / SIZE)
+    jitter = np.sin(cells * (12.9898, 78.233) + cells[:, ::-1] * (37.719, 4.581)) * 0.3
+    points = points.copy()
+    points[:, :2] = se2.transform_points(se2.inverse(pose), (cells + 0.5 + jitter) * SIZE)
+    return points
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_nearest_is_the_nearest_of_all_while_means_stand_still(seed):
+    rng = np.random.default_rng(seed)
+    grid = SurfaceGrid(SIZE)
+    for _ in range(40):  # in a small room: hundreds of cells become occupied, and free again
+        pose = rng.uniform((-0.4, -0.4, -3), (0.4, 0.4, 3))
+        grid.insert(snapped(random_scan(rng, 30, 0.8), pose), np.zeros(3), pose)
+    found = Contents(grid)
+    was_free_once = [cell for cell, evidence in found.evidence.items() if evidence < 0]
+    assert was_free_once
+    assert found.nearest.keys() == around(found.mean, REACH)
+    for cell, source in found.nearest.items():
+        row, column = cell
+        distance = math.dist(found.mean[source][:2], ((column + 0.5) * SIZE, (row + 0.5) * SIZE))
+        assert distance == pytest.approx(nearest_distance(found.mean, cell, SIZE), abs=1e-6)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_nearest_names_an_occupied_cell_in_reach_wherever_there_is_one(seed):
+    """What holds when means move: no pointer to a freed cell, none too far, none missing."""
+    rng = np.random.default_rng(seed)
+    grid = SurfaceGrid(SIZE)
+    for _ in range(60):
+        grid.insert(random_scan(rng, 30, 0.8), np.zeros(3), rng.uniform((-0.4, -0.4, -3), (0.4, 0.4, 3)))
+    found = Contents(grid)
+    assert found.nearest.keys() == around(found.mean, REACH)
+    for (row, column), source in found.nearest.items():
+        assert source in found.mean
+        assert max(abs(source[0] - row), abs(source[1] - column)) <= REACH
+
+
+def test_occupied_is_what_has_returns_and_evidence():
+    rng = np.random.default_rng(3)
+    grid = SurfaceGrid(SIZE)
+    for _ in range(100):
+        grid.insert(random_scan(rng, 60, 1.5), np.zeros(3), rng.uniform((-1, -1, -3), (1, 1, 3)))
+    found = Contents(grid)
+    assert {cell for cell, evidence in found.evidence.items() if evidence > 0} == found.mean.keys()
+    for (row, column), mean in found.mean.items():
+        assert (math.floor(mean[1] / SIZE + 1e-4) - row, math.floor(mean[0] / SIZE + 1e-4) - column) in (
+            (0, 0),
+            (1, 0),
+            (0, 1),
+        )
+
+
+@pytest.mark.parametrize("direction", range(8))
+def test_growth_in_any_direction_keeps_what_was_there(direction):
+    rng = np.random.default_rng(direction)
+    points, origin = random_scan(rng, 90, 5.0), np.zeros(3)
+    grid = SurfaceGrid(SIZE)
+    grid.insert(points, origin, np.zeros(3))
+    before = Contents(grid)
+    angle = direction * np.pi / 4.0
+    far = np.array([60.0 * np.cos(angle), 60.0 * np.sin(angle), 1.0])
+    grid.insert(points, origin, far)
+    after = Contents(grid)
+    for name in ("mean", "returns", "evidence", "nearest"):
+        old, new = getattr(before, name), getattr(after, name)
+        assert all(new[cell] == value for cell, value in old.items())
+        assert len(new) > 1.7 * len(old)
+
+
+def test_a_grid_that_grew_is_one_that_was_large_from_the_start():
+    rng = np.random.default_rng(5)
+    poses = np.column_stack((np.linspace(-40, 40, 30), 25.0 * np.sin(np.arange(30)), rng.uniform(-3, 3, 30)))
+    scans = [random_scan(rng, 90, 6.0) for _ in poses]
+    large, grown = SurfaceGrid(SIZE), SurfaceGrid(SIZE)
+    large._make_room(np.array([-60, -60, 60, 60]))
+    for scan, pose in zip(scans, poses, strict=True):
+        large.insert(scan, np.zeros(3), pose)
+        grown.insert(scan, np.zeros(3), pose)
+    assert large.table.size > grown.table.size
+    assert Contents(large) == Contents(grown)
+
+
+def test_memory_follows_the_area_seen_and_not_the_time():
+    rng = np.random.default_rng(6)
+    grid = SurfaceGrid(SIZE)
+    scans = [random_scan(rng, 90, 4.0) for _ in range(5)]
+    for k in range(20):
+        grid.insert(scans[k % 5], np.zeros(3), np.zeros(3))
+    tiles, cells = int(grid.frame[0]), len(grid.arrays[1])
+    for k in range(300):
+        grid.insert(scans[k % 5], np.zeros(3), np.zeros(3))
+    assert (int(grid.frame[0]), len(grid.arrays[1])) == (tiles, cells)
+
+
+def test_a_cleared_grid_holds_nothing_and_fills_as_a_new_one():
+    rng = np.random.default_rng(7)
+    grid, new = SurfaceGrid(SIZE), SurfaceGrid(SIZE)
+    for _ in range(12):
+        grid.insert(random_scan(rng, 90, 9.0), np.zeros(3), rng.uniform(-20, 20, 3))
+    grid.clear()
+    assert Contents(grid).mean == {}
+    assert Contents(grid).nearest == {}
+    for _ in range(6):
+        points, pose = random_scan(rng, 90, 9.0), rng.uniform(-20, 20, 3)
+        grid.insert(points, np.zeros(3), pose)
+        new.insert(points, np.zeros(3), pose)
+    assert Contents(grid) == Contents(new)
+
+
+def test_a_scan_without_returns_changes_nothing():
+    grid = SurfaceGrid(SIZE)
+    grid.insert(random_scan(np.random.default_rng(8)), np.zeros(3), np.zeros(3))
+    before = Contents(grid)
+    grid.insert(np.zeros((0, 4)), np.zeros(3), np.array([100.0, 100.0, 0.0]))
+    assert Contents(grid) == before
+
+
+def test_all_of_a_surface_that_went_away_is_withdrawn():
+    """A wall of hundreds of cells that a whole scan sees through at once leaves no cell that anything points at."""
+    bearings = np.linspace(-np.pi, np.pi, 3600, endpoint=False)
+    ring = np.column_stack((np.cos(bearings), np.sin(bearings), -np.cos(bearings), -np.sin(bearings)))
+    near, far = ring * (4.0, 4.0, 1.0, 1.0), ring * (6.0, 6.0, 1.0, 1.0)
+    grid = SurfaceGrid(SIZE)
+    grid.insert(near, np.zeros(3), np.zeros(3))
+    for angle in np.random.default_rng(4).uniform(-np.pi, np.pi, 100):  # a beam may miss the corner of a cell
+        grid.insert(far, np.zeros(3), np.array([0.013, 0.027, angle]))
+    found = Contents(grid)
+    radii = [math.hypot(*mean[:2]) for mean in found.mean.values()]
+    assert min(radii) > 5.5
+    assert all(source in found.mean for source in found.nearest.values())
+    assert found.nearest.keys() == around(found.mean, REACH)
+
+
+def test_a_laser_far_from_the_robots_centre_clears_from_where_it_stands():
+    grid, plain = SurfaceGrid(0.05), PlainGrid(0.05)
+    laser = np.array([-30.123, -29.456, 0.0])
+    points = np.array([[1.0123 + 0.1 * k, 1.0321, -0.7, -0.7] for k in range(9)])
+    grid.insert(points, laser, np.zeros(3))
+    plain.insert(points, laser, np.zeros(3), 0, 3)
+    found = Contents(grid)
+    assert found.evidence == plain.evidence
+    assert found.returns == plain.returns
+
+
+@settings(max_examples=10, deadline=None)
+@given(seeds, st.integers(0, 3), st.tuples(st.integers(-5, 5), st.integers(-5, 5)))
+def test_a_grid_turned_by_right_angles_and_moved_by_tiles_holds_the_same(seed, quarters, tiles):
+    rng = np.random.default_rng(seed)
+    moved_by = np.array([tiles[0] * 32 * SIZE, tiles[1] * 32 * SIZE, quarters * np.pi / 2])
+    here, there = SurfaceGrid(SIZE), SurfaceGrid(SIZE)
+    for _ in range(8):
+        points, pose = random_scan(rng, 60, 3.0), rng.uniform((-2, -2, -3), (2, 2, 3))
+        here.insert(points, np.zeros(3), pose)
+        there.insert(points, np.zeros(3), se2.compose(moved_by, pose))
+
+    def moved(cell):
+        place = (complex(cell[1] + 0.5, cell[0] + 0.5)) * 1j**quarters + 32 * complex(*tiles)
+        return math.floor(place.imag), math.floor(place.real)
+
+    a, b = Contents(here), Contents(there)
+    assert {moved(cell): e for cell, e in a.evidence.items()} == b.evidence
+    assert {moved(cell): n for cell, n in a.returns.items()} == b.returns
+    for cell, mean in a.mean.items():
+        place = se2.transform_points(moved_by, np.array([mean[:2]]))[0]
+        normal = se2.transform_points(np.array([0, 0, moved_by[2]]), np.array([mean[2:4]]))[0]
+        np.testing.assert_allclose(b.mean[moved(cell)], [*place, *normal, mean[4]], atol=1e-5)
