@@ -51,7 +51,7 @@ def likelihood_field(
     used_r, used_c = np.nonzero(part >= 0)
     if len(used_r) == 0:
         empty = np.zeros((1, 1), np.uint8)
-        return LikelihoodField((empty, empty, empty, empty), (0.0, 0.0), size)
+        return LikelihoodField((empty, empty, empty, empty), (0.0, 0.0), 2.0 * size)
     # One empty tile before the first: offsets that begin outside must still see, in the bounds, what they reach.
     low_r, low_c = int(used_r.min()) - 1, int(used_c.min()) - 1
     shape = (int(used_r.max()) - low_r + 1, int(used_c.max()) - low_c + 1)
