@@ -1,0 +1,116 @@
+"""The plain twins of matching/_kernels.py: residuals by pose, derivatives by differences, all poses tried."""
+
+import math
+
+import numpy as np
+
+COHERENT, CLUTTER_WEIGHT, OTHER_SIDE, ONE_SIDED = 0.6, 0.3, -0.3, 0.8
+
+
+def moved(pose, points):
+    """Points and their normals, rows (x, y, nx, ny), at a pose."""
+    turn = np.array([[math.cos(pose[2]), -math.sin(pose[2])], [math.sin(pose[2]), math.cos(pose[2])]])
+    return np.hstack((points[:, :2] @ turn.T + np.asarray(pose)[:2], points[:, 2:4] @ turn.T))
+
+
+def is_other_side(surface, normal):
+    """Whether a surface that was seen from one side only is looked at from the other."""
+    flat = surface[2] ** 2 + surface[3] ** 2 > COHERENT
+    return flat and surface[4] > ONE_SIDED and surface[2] * normal[0] + surface[3] * normal[1] < OTHER_SIDE
+
+
+def associations(contents, points, pose, cell_size_m, gate_m):
+    """(row of the point, its surface) of all points that find one within ``gate_m``."""
+    pairs = []
+    for k, (x, y, nx, ny) in enumerate(moved(pose, points)):
+        source = contents.nearest.get((math.floor(y / cell_size_m), math.floor(x / cell_size_m)))
+        if source is None:
+            continue
+        surface = contents.mean[source]
+        if math.hypot(x - surface[0], y - surface[1]) <= gate_m and not is_other_side(surface, (nx, ny)):
+            pairs.append((k, surface))
+    return pairs
+
+
+def residuals(pairs, points, pose):
+    """A vector a pair: the distance along the surface's normal, or in x and y where it has none."""
+    there = moved(pose, points)
+    result = []
+    for k, surface in pairs:
+        d, n = there[k, :2] - surface[:2], np.array(surface[2:4])
+        result.append(np.array([d @ n / np.linalg.norm(n)]) if n @ n > COHERENT else d)
+    return result
+
+
+def robust_cost(pairs, points, pose, half_m):
+    """The sum of Cauchy's losses ``half^2 / 2 * log(1 + e^2 / half^2)``; pairs without a normal count for less."""
+    return sum(
+        (1.0 if len(e) == 1 else CLUTTER_WEIGHT) * half_m**2 / 2.0 * math.log(1.0 + e @ e / half_m**2)
+        for e in residuals(pairs, points, pose)
+    )
+
+
+def gradient(function, pose, step=1e-6):
+    """The derivative of a function of a pose by central differences; a list of vectors for a list of vectors."""
+    sides = [(function(pose + d), function(pose - d)) for d in step * np.eye(3)]
+    if isinstance(sides[0][0], list):
+        return [
+            np.column_stack([(plus[k] - minus[k]) / (2 * step) for plus, minus in sides])
+            for k in range(len(sides[0][0]))
+        ]
+    return np.array([(plus - minus) / (2.0 * step) for plus, minus in sides])
+
+
+def normal_matrix(pairs, points, pose, half_m):
+    """``sum w J^T J`` with the weights of the Cauchy loss."""
+    H = np.zeros((3, 3))
+    jacobians = gradient(lambda p: residuals(pairs, points, p), np.asarray(pose, dtype=float))
+    for e, J in zip(residuals(pairs, points, pose), jacobians, strict=True):
+        H += (1.0 if len(e) == 1 else CLUTTER_WEIGHT) / (1.0 + e @ e / half_m**2) * J.T @ J
+    return H
+
+
+def judged(contents, seen_tiles, points, pose, settings):
+    """Points matched, contradicted, never seen; ``settings`` = (cell size, reach of a match, reach of doubt)."""
+    size, reach, doubt = settings
+    matched = contradicted = unseen = 0
+    for x, y, nx, ny in moved(pose, points):
+        cell = (math.floor(y / size), math.floor(x / size))
+        surface = contents.mean.get(contents.nearest.get(cell))
+        distance = math.inf
+        if surface is not None and not is_other_side(surface, (nx, ny)):
+            distance = math.hypot(x - surface[0], y - surface[1])
+        if distance < reach:
+            matched += 1
+        elif distance > doubt:
+            if contents.evidence.get(cell, 0) == 0:
+                unseen += 1
+            else:
+                contradicted += 1
+        elif (cell[0] // 32, cell[1] // 32) not in seen_tiles:
+            unseen += 1
+    return matched, contradicted, unseen
+
+
+def best_score(finest, points, search):
+    """The highest score of all whole-cell offsets in the radius and all angles, and every (dx, dy, theta) with its own.
+
+    ``search``: centre, thetas, radius (cells), turn (rad), tie_weight, prior_theta, cell_size_m.
+    """
+    radius = search["radius"]
+    steps = range(-math.ceil(radius), math.ceil(radius) + 1)
+    scores = {}
+    for theta in search["thetas"]:
+        at = moved((0.0, 0.0, theta), np.hstack((points[:, :2], points[:, :2])))[:, :2] / search["cell_size_m"]
+        cells = np.floor(at + search["centre"]).astype(int)
+        for dx in steps:
+            for dy in steps:
+                away = (dx**2 + dy**2) / radius**2
+                if away > 1.0:
+                    continue
+                c, r = cells[:, 0] + dx, cells[:, 1] + dy
+                inside = (c >= 0) & (r >= 0) & (c < finest.shape[1]) & (r < finest.shape[0])
+                mean = finest[r[inside], c[inside]].astype(int).sum() / (255.0 * len(points))
+                tie = away + ((theta - search["prior_theta"]) / search["turn"]) ** 2
+                scores[dx, dy, float(theta)] = mean - search["tie_weight"] * tie
+    return scores
