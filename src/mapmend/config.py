@@ -49,10 +49,10 @@ class MotionConfig:
     use_odometry: bool = True
     translation_std_per_m: float = 0.2
     translation_std_per_rad: float = 0.05
-    rotation_std_per_rad: float = 0.2
-    rotation_std_per_m: float = 0.1
+    rotation_std_per_rad: float = 0.4
+    rotation_std_per_m: float = 0.2
     min_translation_std_m: float = 0.02
-    min_rotation_std_rad: float = 0.01
+    min_rotation_std_rad: float = 0.03
     hypotheses: int = 30
     # What the score of a hypothesis at the rim of the odometry's distribution must have ahead of the prediction's: at
     # three standard deviations the log prior is down by 4.5, and neighbouring beams are not independent: some 30 count.
@@ -86,10 +86,13 @@ class LoopConfig:
     certain_std_rad: float = 0.05
     min_likelihood: float = 0.45
     min_score: float = 0.55
-    min_agreement: float = 0.85
+    min_agreement: float = 0.9
     min_overlap: float = 0.35
     min_observability: float = 0.05
     retry_every_m: float = 1.0
+    confirm_after_m: float = 1.5
+    confirm_m: float = 0.2
+    confirm_rad: float = 0.05
     tie_weight: float = 0.03
 
 

@@ -31,8 +31,8 @@ class KeyNode:
 class LocalGrid:
     """A key-node's grid, and the likelihood field made from it when first asked for.
 
-    Its frame is that of node ``first``; ``poses`` (n, 3) are those that the nodes from ``begin`` on had in that frame when
-    the grid was built from them, and still have in it whatever the optimizer did to the map since.
+    Its frame is that of the key-node's first node; ``poses`` (n, 3) are those that the nodes from ``begin`` on had in
+    that frame when the grid was built from them, and still have in it whatever the optimizer did to the map since.
     """
 
     grid: SurfaceGrid

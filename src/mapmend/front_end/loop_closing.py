@@ -55,6 +55,7 @@ class LoopSearch:
         self.solved: Solved | None = None
         self.attempts = 0
         self._partner = -1
+        self._awaiting: LoopEdge | None = None
 
     def find(self) -> list[LoopEdge]:
         """The verified loop edges of the newest node: at most one to a known and one to an unlinked key-node."""
@@ -63,10 +64,32 @@ class LoopSearch:
         edges = [self._match_known(c) for c in self._preferred([c for c in candidates if c.key_node in known])]
         for candidate in [c for c in candidates if c.key_node not in known]:
             edge = self._match_uncertain(candidate)
-            edges.append(edge)
             if edge is not None:
+                edges += self._confirmed(edge)
                 break
         return [edge for edge in edges if edge is not None]
+
+    def _confirmed(self, edge: LoopEdge) -> list[LoopEdge]:
+        """A searched loop counts once a second one, matched some way on, tells the same of where the robot is.
+
+        Rooms repeat: one place may look like another from all that the robot saw in the last T_l metres. The next
+        metres then differ.
+        """
+        first, state = self._awaiting, self._state
+        if first is None:
+            self._awaiting = edge
+            return []
+        way = float(state.node_path_m[edge.node] - state.node_path_m[first.node])
+        if way < self._config.loops.confirm_after_m:
+            return []
+        poses = state.node_pose
+        ahead = se2.compose(first.T_anchor_node, se2.between(poses[first.node], poses[edge.node]))
+        around = se2.compose(se2.between(poses[first.anchor], poses[edge.anchor]), edge.T_anchor_node)
+        difference = se2.between(ahead, around)
+        loops = self._config.loops
+        agree = np.hypot(difference[0], difference[1]) < loops.confirm_m and abs(difference[2]) < loops.confirm_rad
+        self._awaiting = None if agree else edge
+        return [first, edge] if agree else []
 
     def _preferred(self, candidates: list[Candidate]) -> list[Candidate]:
         """One of the known: that of the node before while it is still near, else the nearest.
@@ -100,7 +123,7 @@ class LoopSearch:
         return [candidate for _, candidate in sorted(found, key=lambda pair: (pair[0], pair[1].key_node))]
 
     def _match_known(self, candidate: Candidate) -> LoopEdge | None:
-        """A key-node whose place is known well: the pose itself is guess enough."""
+        """A key-node whose place is known well: the pose itself is guess enough, or else a short search finds it."""
         loops = self._config.loops
         covariance = np.diag([loops.certain_std_m**2, loops.certain_std_m**2, loops.certain_std_rad**2])
         predicted = self._pose_from(candidate.key_node)
@@ -109,33 +132,39 @@ class LoopSearch:
         match = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
         step = se2.between(predicted, match.pose)
         moved = max(np.hypot(step[0], step[1]) / loops.certain_std_m, abs(step[2]) / loops.certain_std_rad)
-        if match.score < loops.min_score or moved > 3.0:
-            return None
-        return self._edge(candidate, match)
+        matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
+        agrees = matched >= loops.min_agreement * (matched + contradicted)
+        if match.score >= loops.min_score and agrees and moved < 1.5:
+            return self._edge(candidate, match)
+        return None if agrees and moved < 1.5 else self._searched(candidate, covariance)
 
     def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
-        """A key-node that drift separates from here: gate, guesses along the way, search, refinement, verification."""
+        """A key-node that drift separates from here: gate, then search in the covariance ellipse."""
+        covariance = self._relative_covariance(candidate)
+        if not self._passes_gate(candidate, covariance):
+            return None
+        return self._searched(candidate, covariance)
+
+    def _searched(self, candidate: Candidate, covariance: Float) -> LoopEdge | None:
+        """The best-scoring match of the region about the newest node that ``covariance`` (3, 3) leaves, if verified."""
         state, loops = self._state, self._config.loops
         pair = (candidate.key_node, self._key_nodes.last)
         path = float(state.node_path_m[state.last])
         if path - self._tried_at_m.get(pair, -np.inf) < loops.retry_every_m:
             return None
-        covariance = self._relative_covariance(candidate)
-        if not self._passes_gate(candidate, covariance):
-            return None
         self._tried_at_m[pair] = path
         self.attempts += 1
-        predicted = self._pose_from(candidate.key_node)
-        region = self._region(predicted, covariance)
+        region = self._region(self._pose_from(candidate.key_node), covariance)
         points = self._points.of(int(state.node_scan[state.last]))
         found = search(self._key_nodes.likelihood(candidate.key_node), points, region, loops.min_likelihood)
         if found is None:
             return None
         local = self._key_nodes.local_grid(candidate.key_node)
-        prior = prior_at(found[0], covariance)
-        match = self._matcher.match(local.grid, points, found[0], prior)
+        match = self._matcher.match(local.grid, points, found[0], prior_at(found[0], covariance))
         if match.score < loops.min_score or not self._is_verified(candidate, match):
             return None
+        # The next node may try again at once: it is to confirm this one.
+        del self._tried_at_m[pair]
         return self._edge(candidate, match)
 
     def _pose_from(self, key_node: int) -> Float:
@@ -159,11 +188,17 @@ class LoopSearch:
             )[0]
             T_newest_last = se2.between(state.node_pose[newest], state.node_pose[state.last])
             covariance = se2.compose_covariance(first, T_newest_last, state.chain_covariance(newest, state.last))
-        way = float(state.node_path_m[state.last] - state.node_path_m[node])
-        drift = self._config.loops.drift_per_m * way
-        # The drift's lever: a heading error of drift / way carries the far end off by drift.
-        guard = np.diag([drift**2, drift**2, (self._config.loops.drift_per_m * min(way, 30.0) / 3.0) ** 2])
-        return np.asarray(covariance + guard)
+        guard_m, guard_rad = self._drift(node)
+        return np.asarray(covariance + np.diag([guard_m**2, guard_m**2, guard_rad**2]))
+
+    def _drift(self, node: int) -> tuple[float, float]:
+        """What may have built up since ``node``, or since the last loop if that is later: metres, radians."""
+        state, loops = self._state, self._config.loops
+        since = max([node] + [edge.node for edge in state.loops[-1:]])
+        drift = loops.drift_per_m * float(state.node_path_m[state.last] - state.node_path_m[since])
+        # A heading error of drift / way carries the far end off by drift; more than some turns' worth it never is.
+        turn = min(drift, 30.0 * loops.drift_per_m) / 3.0
+        return max(drift, loops.certain_std_m), max(turn, loops.certain_std_rad)
 
     def _passes_gate(self, candidate: Candidate, covariance: Float) -> bool:
         """IGO (5) with the inverse where it belongs, and with room for two poses that see the same walls from apart."""
@@ -230,8 +265,8 @@ class LoopSearch:
     def _bend(self, candidate: Candidate, T_anchor_node: Float) -> Float:
         """What the local grid itself may be wrong by, in the frame of the matched node.
 
-        It was built from nodes along the trajectory: seen from one of them, the walls are as uncertain as the way to the
-        node that saw them, on average half as far as the key-node is long.
+        It was built from nodes along the trajectory: seen from one of them, the walls are as uncertain as the way to
+        the node that saw them, on average half as far as the key-node is long.
         """
         state = self._state
         way = 0.5 * self._config.key_nodes.trajectory_length_m

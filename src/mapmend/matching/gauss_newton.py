@@ -20,6 +20,9 @@ _SYMMETRIC = np.array([[7, 8, 9], [8, 10, 11], [9, 11, 12]])
 # No laser of this kind is better than half a centimetre, whatever a few beams happen to say.
 LEAST_RESIDUAL_M = 0.005
 UNSEEN_STD_M = 10.0
+# Beams that end in one cell share that cell's error, and neighbouring cells were seen by the same scans: the residuals
+# are not independent. Their number counts as half, as measured against the truth (benchmarks/covariances.py).
+SHARED_ERRORS = 2.0
 
 NO_PRIOR = np.zeros((4, 3))
 
@@ -46,7 +49,7 @@ class Match:
         """
         cos, sin = math.cos(self.pose[2]), math.sin(self.pose[2])
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        variance = max(self.residual_std_m, LEAST_RESIDUAL_M) ** 2
+        variance = SHARED_ERRORS * max(self.residual_std_m, LEAST_RESIDUAL_M) ** 2
         information = turn.T @ self.normal_matrix @ turn / variance + np.eye(3) / UNSEEN_STD_M**2
         return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
