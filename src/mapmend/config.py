@@ -54,8 +54,9 @@ class MotionConfig:
     min_translation_std_m: float = 0.02
     min_rotation_std_rad: float = 0.03
     hypotheses: int = 30
-    # What the score of a hypothesis at the rim of the odometry's distribution must have ahead of the prediction's: at
-    # three standard deviations the log prior is down by 4.5, and neighbouring beams are not independent: some 30 count.
+    doubt_spread: float = 3.0  # how much wider than the model hypotheses are drawn: doubt says that it may not hold
+    # What the score of a hypothesis three standard deviations or more away must have ahead of the prediction's: there
+    # the log prior is down by 4.5, and neighbouring beams are not independent: some 30 count.
     prior_weight: float = 0.15
 
 

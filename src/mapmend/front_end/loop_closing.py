@@ -226,7 +226,8 @@ class LoopSearch:
         inside = np.einsum("ni,ij,nj->n", steps, np.linalg.inv(ellipse), steps) <= 9.0
         radius = float(np.clip(3.0 * np.sqrt(values[0]), self._config.match.reach_m, most))
         angle = float(np.clip(3.0 * np.sqrt(covariance[2, 2]), 0.05, 0.6))
-        return Region(predicted, predicted[:2] + steps[inside], radius, angle, loops.tie_weight)
+        guesses = predicted[:2] + steps[inside]
+        return Region(predicted, guesses, radius, angle, loops.tie_weight, half_length + radius, angle)
 
     def _is_verified(self, candidate: Candidate, match: Match) -> bool:
         """Whether the whole last stretch of trajectory, not this scan alone, agrees with the key-node's grid there."""

@@ -52,19 +52,26 @@ class Tracker:
         return points >= FEWEST_POINTS and match.score < self._config.match.min_score
 
     def _hypotheses(self, before: Float, predicted: Float, covariance: Float) -> Float:
-        """Draws from the odometry model; with them the prediction itself and the robot that did not move."""
-        drawn = draw_hypotheses(predicted, covariance, self._config.motion.hypotheses, self._random)
+        """Draws from the odometry model, spread wider: a scan in doubt tells that the model may not hold, wheels slip.
+
+        With them the prediction itself and the robot that did not move.
+        """
+        motion = self._config.motion
+        drawn = draw_hypotheses(predicted, motion.doubt_spread**2 * covariance, motion.hypotheses, self._random)
         return np.concatenate((predicted[None], before[None], drawn))
 
     def _best_of(self, grid: SurfaceGrid, points: Float, hypotheses: Float, prior: Float, first: Match) -> Match:
         """The correlative search over all hypotheses, refined; ``first`` stays unless something scores better."""
         config, predicted = self._config, prior[3]
+        three_sigma_m, three_sigma_rad = 3.0 / math.sqrt(prior[0, 0]), 3.0 / math.sqrt(prior[2, 2])
         away = np.hypot(*(hypotheses[:, :2] - predicted[:2]).T)
-        radius = float(away.max()) + config.match.reach_m
         turn = float(np.abs(se2.wrap_angle(hypotheses[:, 2] - predicted[2])).max())
-        farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
-        field = likelihood_field(grid, config.match.half_weight_m, (predicted[0], predicted[1]), farthest + radius)
-        region = Region(predicted, hypotheses[:, :2], config.match.reach_m, turn, config.motion.prior_weight)
+        farthest = float(np.hypot(points[:, 0], points[:, 1]).max()) + float(away.max()) + config.match.reach_m
+        field = likelihood_field(grid, config.match.half_weight_m, (predicted[0], predicted[1]), farthest)
+        weight = config.motion.prior_weight
+        region = Region(
+            predicted, hypotheses[:, :2], config.match.reach_m, turn, weight, three_sigma_m, three_sigma_rad
+        )
         found = search(field, points, region, 0.0)
         if found is None:
             return first
@@ -72,7 +79,16 @@ class Tracker:
         # A share of matched beams is a binomial count: better means by more than its own noise, and than what the
         # odometry's word for the other pose is worth.
         noise = math.sqrt(max(first.score * (1.0 - first.score), 0.01) / len(points))
-        step = se2.between(predicted, refined.pose)
-        against = (step[0] ** 2 + step[1] ** 2) / radius**2 + (step[2] / max(turn, 1e-3)) ** 2
-        better = refined.score > first.score + noise + config.motion.prior_weight * against
-        return refined if better else first
+        gain = self._against(refined, predicted, three_sigma_m, three_sigma_rad)
+        gain -= self._against(first, predicted, three_sigma_m, three_sigma_rad)
+        return refined if refined.score > first.score + noise + weight * gain else first
+
+    @staticmethod
+    def _against(match: Match, predicted: Float, three_sigma_m: float, three_sigma_rad: float) -> float:
+        """What the odometry has against a pose, 0 to 1: its squared distance in three standard deviations, one at most.
+
+        Beyond them the model does not hold and says nothing more: the tail of slipping wheels is long.
+        """
+        step = se2.between(predicted, match.pose)
+        distance = (step[0] ** 2 + step[1] ** 2) / three_sigma_m**2 + (step[2] / three_sigma_rad) ** 2
+        return min(float(distance), 1.0)

@@ -189,9 +189,10 @@ def search_poses(levels, points, centre, thetas, offsets, settings, best):
     ``levels``: four uint8 arrays, the likelihood in cells of 1, 2, 4 and 8, each bounding those that it stands for.
     ``points`` (n, 2+): robot frame. ``centre``: x, y in cells of the finest level. ``offsets`` (m, 2) int64: the
     corners of the 8 x 8 blocks of whole-cell offsets to look through. ``settings`` = (cell size, score to beat, tie
-    weight, prior x, prior y in cells from the centre, prior theta, radius in cells, radius in rad). A score is the mean
-    likelihood of the points less the tie weight times the squared distance from the prior in radii, so that scores
-    which the noise could have swapped go to the pose nearest the prior.
+    weight, prior x, prior y in cells from the centre, prior theta, tie radius in cells and in rad, farthest offset in
+    cells). A score is the mean likelihood of the points less the tie weight times the squared distance from the prior
+    in tie radii, one at most: scores that the noise could have swapped go to the pose nearest the prior, and a pose
+    beyond the radius must be better by the whole weight, however far it is.
     ``best``: written: score, dx, dy in cells, theta; the score stays what it was where nothing beats it.
     """
     n = points.shape[0]
@@ -226,9 +227,9 @@ def search_poses(levels, points, centre, thetas, offsets, settings, best):
                 for h in range(4):
                     dx, dy = dx2 + (h & 1), dy2 + (h >> 1)
                     ax, ay = (dx - settings[3]) / settings[6], (dy - settings[4]) / settings[6]
-                    if ax * ax + ay * ay > 1.0:
+                    if dx * dx + dy * dy > settings[8] * settings[8]:
                         continue
                     score = _sum_at(levels[0], 0, cs, rs, dx, dy) * scale
-                    score -= settings[2] * (ax * ax + ay * ay + turn * turn)
+                    score -= settings[2] * min(ax * ax + ay * ay + turn * turn, 1.0)
                     if score > best[0]:
                         best[0], best[1], best[2], best[3] = score, dx, dy, thetas[t]

@@ -24,7 +24,8 @@ ANGLE_RANGE_M = 10.0
 class Region:
     """Where to look: discs of ``radius_m`` about ``guesses`` (n, 2), angles within ``angle_rad`` of the prior's.
 
-    Scores within ``tie_weight`` of each other are ties and go to the pose nearest ``prior`` (3,).
+    Scores within ``tie_weight`` of each other are ties and go to the pose nearest ``prior`` (3,): the weight grows with
+    the squared distance from it, up to ``tie_radius_m`` and ``tie_radius_rad``.
     """
 
     prior: Float
@@ -32,6 +33,8 @@ class Region:
     radius_m: float
     angle_rad: float
     tie_weight: float
+    tie_radius_m: float
+    tie_radius_rad: float
 
 
 def search(field: LikelihoodField, points: Float, region: Region, score_to_beat: float) -> tuple[Float, float] | None:
@@ -52,7 +55,17 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
     offsets = _blocks(guesses, region.radius_m / size)
     reach = float(np.hypot(guesses[:, 0], guesses[:, 1]).max()) + region.radius_m / size
     settings = np.array(
-        [size, score_to_beat, region.tie_weight, 0.0, 0.0, prior[2], max(reach, 1.0), max(region.angle_rad, step)]
+        [
+            size,
+            score_to_beat,
+            region.tie_weight,
+            0.0,
+            0.0,
+            prior[2],
+            region.tie_radius_m / size,
+            region.tie_radius_rad,
+            max(reach, 1.0),
+        ]
     )
     best = np.zeros(4)
     _kernels.search_poses(field.levels, points, centre, thetas, offsets, settings, best)
