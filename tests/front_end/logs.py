@@ -14,6 +14,7 @@ from mapmend.simulation import LaserModel, OdometryModel, random_building, simul
 
 WITHOUT_LOOPS = replace(Config(), loops=replace(Config().loops, enabled=False))
 SHORT_SIGHTED = LaserModel(LaserGeometry(180, -np.pi / 2, np.pi / 180, 5.0), range_noise_std_m=0.02)
+NOISY = LaserModel(range_noise_std_m=0.03)
 BENT = OdometryModel(rotation_bias_radpm=0.02, translation_scale=1.03)
 
 

@@ -1,0 +1,174 @@
+"""The front end as a whole, on simulated drives whose truth is known, spoilt in the ways that robots spoil logs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mapmend.config import Config
+from mapmend.geometry import se2
+from mapmend.simulation import OdometryModel, SlipEvent, World, corridor_loop, simulate
+from tests.front_end.logs import (
+    BENT,
+    NOISY,
+    SHORT_SIGHTED,
+    WITHOUT_LOOPS,
+    drive,
+    empty_log,
+    errors_of,
+    mapped,
+    with_people,
+    with_steps,
+)
+
+# Building 1: 110 m of driving, round once and more, six rooms.
+BUILDING = 1
+
+
+def test_a_drive_with_bent_odometry_is_mapped_to_centimetres():
+    simulation = drive(BUILDING, None, BENT)
+    odometry = errors_of(simulation, simulation.log.odometry)
+    found = errors_of(simulation, mapped(simulation.log).state.scan_poses())
+    assert odometry.translation_rmse_m > 5.0
+    assert found.translation_rmse_m < 0.04
+    assert found.translation_max_m < 0.12
+    assert found.rotation_mean_deg < 0.3
+
+
+def test_loops_take_out_the_drift_that_matching_leaves():
+    """Readings with 3 cm of noise: over three buildings, neither odometry nor matching alone meets the threshold."""
+    with_loops, without = [], []
+    for building in (1, 3, 4):
+        simulation = drive(building, NOISY, BENT)
+        closed = mapped(simulation.log)
+        with_loops.append(errors_of(simulation, closed.state.scan_poses()).translation_rmse_m)
+        matched = mapped(simulation.log, WITHOUT_LOOPS).state.scan_poses()
+        without.append(errors_of(simulation, matched).translation_rmse_m)
+        assert len(closed.state.loops) >= 10
+    assert np.mean(with_loops) < 0.05
+    assert np.mean(with_loops) < 0.75 * np.mean(without)
+
+
+def test_no_loop_edge_joins_places_that_are_apart():
+    """Every edge is off the truth by what its local grid may be bent by, no more."""
+    for building in (1, 2, 3):
+        simulation = drive(building, SHORT_SIGHTED, BENT)
+        state = mapped(simulation.log).state
+        truth = simulation.truth[state.node_scan[: state.count]]
+        for edge in state.loops:
+            off = se2.between(edge.T_anchor_node, se2.between(truth[edge.anchor], truth[edge.node]))
+            assert np.hypot(off[0], off[1]) < 0.25
+            assert abs(off[2]) < 0.08
+
+
+def test_the_same_log_gives_the_same_bytes():
+    simulation = drive(2, SHORT_SIGHTED, BENT)
+    first, second = mapped(simulation.log), mapped(simulation.log)
+    assert first.state.scan_poses().tobytes() == second.state.scan_poses().tobytes()
+    a, b = first.state.pose_graph(), second.state.pose_graph()
+    assert a.edges.tobytes() == b.edges.tobytes()
+    assert a.information.tobytes() == b.information.tobytes()
+
+
+def test_a_log_without_odometry_is_followed_by_its_scans():
+    simulation = drive(BUILDING)
+    config = replace(Config(), motion=replace(Config().motion, use_odometry=False))
+    log = replace(simulation.log, odometry=np.zeros_like(simulation.log.odometry))
+    assert errors_of(simulation, mapped(log, config).state.scan_poses()).translation_rmse_m < 0.1
+
+
+def test_odometry_that_says_backward_for_a_second_is_not_believed():
+    simulation = drive(BUILDING)
+
+    def lie(steps):
+        for begin in range(100, len(steps) - 5, 200):
+            steps[begin : begin + 5, 0] *= -1.0
+
+    log = with_steps(simulation.log, lie)
+    assert errors_of(simulation, log.odometry).translation_rmse_m > 1.0
+    found = errors_of(simulation, mapped(log).state.scan_poses())
+    assert found.translation_rmse_m < 0.06
+    assert found.translation_max_m < 0.2
+
+
+def test_wheels_that_slip_and_spin_are_not_believed():
+    odometry = OdometryModel(slips=(SlipEvent(20.0, 1.5, 0.6), SlipEvent(50.0, 1.0, 1.0), SlipEvent(70.0, 2.0, 0.5)))
+    simulation = drive(BUILDING, None, odometry)
+    assert errors_of(simulation, simulation.log.odometry).translation_rmse_m > 1.0
+    found = errors_of(simulation, mapped(simulation.log).state.scan_poses())
+    assert found.translation_rmse_m < 0.06
+    assert found.translation_max_m < 0.2
+
+
+def test_people_in_a_tenth_of_the_beams_do_not_matter():
+    simulation = drive(BUILDING)
+    log = with_people(simulation.log, 0.1, seed=1)
+    found = errors_of(simulation, mapped(log).state.scan_poses())
+    assert found.translation_rmse_m < 0.06
+    assert found.translation_max_m < 0.2
+
+
+def test_scans_without_returns_are_bridged_by_odometry():
+    simulation = drive(BUILDING)
+    log, n = simulation.log, simulation.log.scans.geometries[0].beam_count
+    ranges = log.scans.ranges_m.copy()
+    for begin in (200, 700, 1100):
+        ranges[begin * n : (begin + 8) * n] = np.inf
+    log = replace(log, scans=replace(log.scans, ranges_m=ranges))
+    assert errors_of(simulation, mapped(log).state.scan_poses()).translation_rmse_m < 0.06
+
+
+@pytest.mark.xfail(strict=True, reason="points without a normal hold the robot back: it maps 19 m as 17.4 m")
+@pytest.mark.parametrize("scale", [1.0, 1.03])
+def test_along_a_bare_corridor_the_odometry_decides(scale):
+    """The walls say nothing of the way along them: what the wheels report stays, 3 % too much or not."""
+    world = corridor_loop()
+    route = np.array([(17.0, 1.0), (17.0, 20.0)])
+    odometry = replace(OdometryModel.exact(), translation_scale=scale)
+    simulation = simulate(World(world.walls, "corridor", route), None, odometry, 2)
+    poses = mapped(simulation.log).state.scan_poses()
+    driven, reported = np.ptp(simulation.truth[:, 1]), simulation.log.odometry[-1, 0]
+    # Its two ends can be matched.
+    assert driven - 0.3 < poses[-1, 0] < reported + 0.3
+
+
+def test_along_a_bare_corridor_the_walls_keep_the_robot_straight():
+    world = corridor_loop()
+    route = np.array([(17.0, 1.0), (17.0, 20.0)])
+    simulation = simulate(World(world.walls, "corridor", route), None, BENT, 2)
+    assert np.abs(simulation.log.odometry[:, 1]).max() > 1.0
+    poses = mapped(simulation.log).state.scan_poses()
+    assert np.abs(poses[:, 1]).max() < 0.15
+    assert np.abs(poses[:, 2]).max() < 0.05
+
+
+@pytest.mark.parametrize("n", [1, 2, 30])
+def test_a_log_of_scans_without_any_return_stands_still(n):
+    state = mapped(empty_log(n)).state
+    assert state.count == 1
+    np.testing.assert_array_equal(state.scan_poses(), np.zeros((n, 3)))
+
+
+def test_every_scan_hangs_on_a_node_before_it():
+    simulation = drive(BUILDING)
+    state = mapped(simulation.log).state
+    scans = np.arange(len(simulation.log))
+    assert np.all(state.node_scan[state.scan_node] <= scans)
+    assert np.all(np.diff(state.scan_node) >= 0)
+    assert np.array_equal(state.scan_node[state.node_scan[: state.count]], np.arange(state.count))
+
+
+def test_nodes_lie_as_far_apart_as_configured():
+    simulation = drive(BUILDING)
+    config = Config()
+    state = mapped(simulation.log, WITHOUT_LOOPS).state
+    edges = state.odometry_edge[1 : state.count]
+    far = np.hypot(edges[:, 0], edges[:, 1]) >= config.key_nodes.node_every_m - 1e-9
+    assert np.all(far | (np.abs(edges[:, 2]) >= config.key_nodes.node_every_rad - 1e-9))
+
+
+def test_edges_carry_symmetric_positive_information():
+    state = mapped(drive(BUILDING).log).state
+    information = state.pose_graph().information
+    np.testing.assert_allclose(information, np.swapaxes(information, -1, -2), rtol=1e-6)
+    assert np.all(np.linalg.eigvalsh(0.5 * (information + np.swapaxes(information, -1, -2))) > 0.0)
