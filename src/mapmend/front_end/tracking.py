@@ -18,6 +18,9 @@ from mapmend.matching.gauss_newton import Match, SurfaceMatcher, round_prior
 
 # Below this many points a scan says too little to contradict the odometry.
 FEWEST_POINTS = 20
+# A score this far below the usual one is a drop; a scan's share of the usual score makes it follow some twenty scans.
+DROP = 0.1
+USUAL_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,7 @@ class Tracker:
     def __init__(self, matcher: SurfaceMatcher, config: Config) -> None:
         self._matcher = matcher
         self._config = config
+        self._usual_score = 1.0
         self._random = np.random.default_rng(config.seed)
 
     def track(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float) -> Tracked:
@@ -41,15 +45,25 @@ class Tracker:
         predicted = se2.compose(before, motion)
         prior = round_prior(predicted, *odometry_std(motion, self._config.motion))
         match = self._matcher.match(grid, points, predicted, prior)
-        if not self._is_doubtful(match, len(points)):
-            return Tracked(match, searched=False)
+        searched = self._is_doubtful(match, len(points))
+        if searched:
+            match = self._searched(grid, points, before, motion, match)
+        self._usual_score += USUAL_SHARE * (match.score - self._usual_score)
+        return Tracked(match, searched)
+
+    def _searched(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float, first: Match) -> Match:
+        """Aligns hypotheses drawn from the odometry model, and takes the best if that ends the doubt."""
+        predicted = se2.compose(before, motion)
         covariance = odometry_covariance(motion, self._config.motion)
         hypotheses = self._hypotheses(before, predicted, covariance)
-        found = self._best_of(grid, points, hypotheses, prior, match)
-        return Tracked(found, searched=True)
+        prior = round_prior(predicted, *odometry_std(motion, self._config.motion))
+        best = self._best_of(grid, points, hypotheses, prior, first)
+        return first if self._is_doubtful(best, len(points)) else best
 
     def _is_doubtful(self, match: Match, points: int) -> bool:
-        return points >= FEWEST_POINTS and match.score < self._config.match.min_score
+        """Whether fewer beams match than should, and than did so far: among leaves, few ever do."""
+        least = min(self._config.match.min_score, self._usual_score - DROP)
+        return points >= FEWEST_POINTS and match.score < least
 
     def _hypotheses(self, before: Float, predicted: Float, covariance: Float) -> Float:
         """Draws from the odometry model, spread wider: a scan in doubt tells that the model may not hold, wheels slip.

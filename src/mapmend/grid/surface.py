@@ -66,8 +66,10 @@ class SurfaceGrid:
         if wanted > self._tiles:
             old, used = self.arrays, int(self.frame[0]) * _kernels.TILE_CELLS
             self._allocate(max(wanted, self._tiles + self._tiles // 2))
-            for new, before in zip(self.arrays, old, strict=True):
-                new[:used] = before[:used]
+            self.arrays[0][:used] = old[0][:used]
+            self.arrays[1][:used] = old[1][:used]
+            self.arrays[2][:used] = old[2][:used]
+            self.arrays[3][:used] = old[3][:used]
 
     def insert(self, points: Float, laser_origin: Float, pose: Float) -> None:
         """Adds a scan: ``points`` (n, 4) from `project_scan`, the laser's place on the robot, ``T_grid_robot``."""
