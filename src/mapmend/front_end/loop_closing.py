@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from mapmend.config import Config
 from mapmend.front_end.key_nodes import KeyNodes
@@ -50,7 +50,7 @@ class LoopSearch:
         self._points = points
         self._matcher = matcher
         self._config = config
-        self._gate = float(chi2.ppf(config.loops.gate_quantile, 3))
+        self._gate = float(chdtri(3, 1.0 - config.loops.gate_quantile))
         self._tried_at_m: dict[tuple[int, int], float] = {}
         self.solved: Solved | None = None
         self.attempts = 0

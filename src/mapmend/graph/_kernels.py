@@ -11,7 +11,7 @@ Int = NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
-def linearize(  # noqa: PLR0917
+def linearize(
     poses: Float,
     edges: Int,
     measurements: Float,
