@@ -10,7 +10,12 @@ from mapmend.grid.likelihood import likelihood_field
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.matching.correlative import MOST_POINTS, Region, search
 from tests.matching.scenes import errors, scene
-from tests.reference.matching import best_score
+from tests.reference.matching import all_scores
+
+
+def disc(prior, radius_m, angle_rad, tie_weight, tie_radii=(1.0, 0.2)):
+    """The region about one guess, the prior itself."""
+    return Region(prior, prior[None, :2], radius_m, angle_rad, tie_weight, *tie_radii)
 
 
 def plain_scores(field, points, region):
@@ -19,14 +24,15 @@ def plain_scores(field, points, region):
     step = size / 10.0
     half = int(np.ceil(region.angle_rad / step))
     radius = max(region.radius_m / size, 1.0)
-    return best_score(
+    return all_scores(
         field.levels[0],
         points[:: max(1, len(points) // MOST_POINTS)],
         {
             "centre": (region.prior[:2] - np.array(field.origin)) / size,
             "thetas": region.prior[2] + step * np.arange(-half, half + 1),
             "radius": radius,
-            "turn": max(region.angle_rad, step),
+            "tie_radius": region.tie_radius_m / size,
+            "tie_turn": region.tie_radius_rad,
             "tie_weight": region.tie_weight,
             "prior_theta": region.prior[2],
             "cell_size_m": size,
@@ -40,13 +46,14 @@ def plain_scores(field, points, region):
     st.tuples(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(-0.3, 0.3)),
     st.floats(0.1, 1.2),
     st.floats(0.0, 0.12),
-    st.sampled_from([0.0, 0.03, 0.3]),
+    st.tuples(st.sampled_from([0.0, 0.03, 0.3]), st.tuples(st.floats(0.1, 2.0), st.floats(0.02, 0.4))),
 )
-def test_branch_and_bound_finds_the_best_of_all_poses(seed, offset, radius_m, angle_rad, tie_weight):
+def test_branch_and_bound_finds_the_best_of_all_poses(seed, offset, radius_m, angle_rad, ties):
+    tie_weight, tie_radii = ties
     s = scene(seed)
     field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, 1)
     prior = se2.compose(s.here, offset)
-    region = Region(prior, prior[None, :2], radius_m, angle_rad, tie_weight)
+    region = disc(prior, radius_m, angle_rad, tie_weight, tie_radii)
     scores = plain_scores(field, points, region)
     best = max(scores.values())
     found = search(field, points, region, 0.0)
@@ -63,7 +70,7 @@ def test_branch_and_bound_finds_the_best_of_all_poses(seed, offset, radius_m, an
 def test_only_what_beats_the_score_is_found(seed, radius_m, margin):
     s = scene(seed)
     field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, 2)
-    region = Region(s.here, s.here[None, :2], radius_m, 0.05, 0.03)
+    region = disc(s.here, radius_m, 0.05, 0.03)
     best = max(plain_scores(field, points, region).values())
     found = search(field, points, region, best + margin)
     assert (found is None) == (margin > 0.0)
@@ -76,9 +83,7 @@ def test_only_what_beats_the_score_is_found(seed, radius_m, margin):
 def test_the_true_pose_is_found_from_metres_away(seed, offset, scan_seed):
     s = scene(seed)
     prior = se2.compose(s.here, offset)
-    found = search(
-        likelihood_field(s.grid, 0.1), s.scan_at(s.here, scan_seed), Region(prior, prior[None, :2], 2.0, 0.35, 0.0), 0.3
-    )
+    found = search(likelihood_field(s.grid, 0.1), s.scan_at(s.here, scan_seed), disc(prior, 2.0, 0.35, 0.0), 0.3)
     assert found is not None
     away_m, turned_rad = errors(found[0], s.here)
     assert away_m < 0.12
@@ -91,8 +96,8 @@ def test_guesses_along_a_line_reach_a_pose_that_none_of_their_discs_alone_would(
     prior = se2.compose(s.here, (2.5, 0.0, 0.05))
     way = np.linspace(0.0, 1.0, 60)[:, None]
     line = prior[:2] + way * (s.here[:2] - prior[:2])
-    assert search(field, points, Region(prior, prior[None, :2], 0.2, 0.1, 0.0), 0.7) is None
-    found = search(field, points, Region(prior, line, 0.2, 0.1, 0.0), 0.7)
+    assert search(field, points, disc(prior, 0.2, 0.1, 0.0), 0.7) is None
+    found = search(field, points, Region(prior, line, 0.2, 0.1, 0.0, 1.0, 0.1), 0.7)
     assert found is not None
     assert errors(found[0], s.here)[0] < 0.12
 
@@ -107,7 +112,7 @@ def test_ties_go_to_the_pose_nearest_the_prior():
     field = likelihood_field(grid, 0.1)
     for x in (-3.0, 0.0, 2.0):
         prior = np.array([x, 0.0, 0.0])
-        found = search(field, points, Region(prior, prior[None, :2], 2.0, 0.05, 0.03), 0.3)
+        found = search(field, points, disc(prior, 2.0, 0.05, 0.03, (2.0, 0.05)), 0.3)
         assert found is not None
         assert found[0] == pytest.approx(prior, abs=0.11)
 
@@ -115,8 +120,8 @@ def test_ties_go_to_the_pose_nearest_the_prior():
 def test_nothing_is_found_without_points_or_far_from_the_grid():
     s = scene(0)
     field = likelihood_field(s.grid, 0.1)
-    region = Region(s.here, s.here[None, :2], 1.0, 0.1, 0.0)
+    region = disc(s.here, 1.0, 0.1, 0.0)
     assert search(field, np.zeros((0, 4)), region, 0.0) is None
     far = s.here + np.array([300.0, -300.0, 0.0])
-    assert search(field, s.scan_at(s.here, 4), Region(far, far[None, :2], 1.0, 0.1, 0.0), 0.0) is None
+    assert search(field, s.scan_at(s.here, 4), disc(far, 1.0, 0.1, 0.0), 0.0) is None
     assert search(likelihood_field(SurfaceGrid(0.05), 0.1), s.scan_at(s.here, 4), region, 0.0) is None

@@ -92,10 +92,10 @@ def judged(contents, seen_tiles, points, pose, settings):
     return matched, contradicted, unseen
 
 
-def best_score(finest, points, search):
-    """The highest score of all whole-cell offsets in the radius and all angles, and every (dx, dy, theta) with its own.
+def all_scores(finest, points, search):
+    """The score of every whole-cell offset in the radius and every angle, by (dx, dy, theta).
 
-    ``search``: centre, thetas, radius (cells), turn (rad), tie_weight, prior_theta, cell_size_m.
+    ``search``: centre, thetas, prior_theta, radius and tie_radius (cells), tie_turn (rad), tie_weight, cell_size_m.
     """
     radius = search["radius"]
     steps = range(-math.ceil(radius), math.ceil(radius) + 1)
@@ -105,12 +105,12 @@ def best_score(finest, points, search):
         cells = np.floor(at + search["centre"]).astype(int)
         for dx in steps:
             for dy in steps:
-                away = (dx**2 + dy**2) / radius**2
-                if away > 1.0:
+                if dx**2 + dy**2 > radius**2:
                     continue
                 c, r = cells[:, 0] + dx, cells[:, 1] + dy
                 inside = (c >= 0) & (r >= 0) & (c < finest.shape[1]) & (r < finest.shape[0])
                 mean = finest[r[inside], c[inside]].astype(int).sum() / (255.0 * len(points))
-                tie = away + ((theta - search["prior_theta"]) / search["turn"]) ** 2
-                scores[dx, dy, float(theta)] = mean - search["tie_weight"] * tie
+                tie = (dx**2 + dy**2) / search["tie_radius"] ** 2
+                tie += ((theta - search["prior_theta"]) / search["tie_turn"]) ** 2
+                scores[dx, dy, float(theta)] = mean - search["tie_weight"] * min(tie, 1.0)
     return scores
