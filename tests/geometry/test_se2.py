@@ -85,3 +85,18 @@ def test_inverse_covariance_agrees_with_samples():
     samples = se2.inverse(se2.compose(T_a_b, random.multivariate_normal(np.zeros(3), covariance, 200_000)))
     errors = se2.between(se2.inverse(T_a_b), samples)
     assert np.allclose(np.cov(errors.T), se2.inverse_covariance(T_a_b, covariance), rtol=0.03, atol=2e-6)
+
+
+@given(st.lists(st.floats(-2, 2), min_size=9, max_size=9))
+def test_symmetric_inverse_undoes_the_matrix(numbers):
+    half = np.array(numbers).reshape(3, 3)
+    matrix = half @ half.T + 0.1 * np.eye(3)
+    assert np.allclose(se2.invert_symmetric(matrix) @ matrix, np.eye(3), atol=1e-8)
+
+
+@given(pose, pose, pose)
+def test_one_pose_and_many_come_out_the_same(a, b, c):
+    many = np.stack((b, c))
+    assert same(se2.compose(a, b), se2.compose(a[None], many)[0], 1e-9)
+    assert same(se2.inverse(b), se2.inverse(many)[0], 1e-9)
+    assert np.allclose(se2.adjoint(c), se2.adjoint(many)[1])

@@ -116,11 +116,11 @@ class FrontEnd:
         carry = se2.adjoint(se2.inverse(self._motion_since_node))
         both = observed + carry @ self._covariance_at_node @ carry.T
         self._covariance_at_node = observed
-        edge = np.linalg.inv(np.linalg.inv(both) + np.linalg.inv(odometry))
+        edge = se2.invert_symmetric(se2.invert_symmetric(both) + se2.invert_symmetric(odometry))
         least = self.config.match.min_score
         if match.score < least:
             edge = edge + (least - match.score) / least * odometry
-        return np.asarray(np.linalg.inv(edge), dtype=np.float64)
+        return se2.invert_symmetric(edge)
 
     def _insert(self, k: int, pose: Float) -> None:
         grid = self.config.grid

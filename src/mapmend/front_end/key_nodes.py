@@ -16,7 +16,7 @@ from mapmend.geometry import se2
 from mapmend.grid.likelihood import LikelihoodField, likelihood_field
 from mapmend.grid.surface import SurfaceGrid
 
-KEPT_GRIDS = 24
+KEPT_GRIDS = 12
 
 
 @dataclass
@@ -50,6 +50,7 @@ class KeyNodes:
 
     def __init__(self, state: GraphState, points: ScanPoints, config: Config) -> None:
         self.rows: list[KeyNode] = []
+        self._firsts = np.zeros(len(state.node_pose), dtype=np.int64)
         self.of_node = np.zeros(len(state.node_pose), dtype=np.int64)
         self._state = state
         self._points = points
@@ -62,12 +63,17 @@ class KeyNodes:
     def last(self) -> int:
         return len(self.rows) - 1
 
+    def firsts(self) -> NDArray[np.int64]:
+        """The first node of every key-node, shape (n,), rising."""
+        return self._firsts[: len(self.rows)]
+
     def add_node(self, node: int) -> bool:
         """Puts the newest node into the current key-node, or opens a new one with it: then True."""
         state = self._state
         length = self._config.key_nodes.trajectory_length_m
         opens = not self.rows or state.node_path_m[node] - state.node_path_m[self.rows[-1].first] > length
         if opens:
+            self._firsts[len(self.rows)] = node
             self.rows.append(KeyNode(node, node))
             self._links.append({})
             if self.last > 0:

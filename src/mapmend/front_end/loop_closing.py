@@ -111,11 +111,13 @@ class LoopSearch:
         if old == 0:
             return []
         distance = np.hypot(state.node_pose[:old, 0] - here[0], state.node_pose[:old, 1] - here[1])
-        starts = np.array([row.first for row in rows if row.first < old])
+        starts = self._key_nodes.firsts()
+        starts = starts[: int(np.searchsorted(starts, old))]
         nearest = np.minimum.reduceat(distance, starts)
         length = self._config.key_nodes.trajectory_length_m
         drift = np.minimum(3.0 * loops.drift_per_m * (path[-1] - path[starts]), 2.0 * length)
-        reach = length + np.where([k in known for k in range(len(starts))], 0.0, drift)
+        drift[[k for k in known if k < len(starts)]] = 0.0
+        reach = length + drift
         found = []
         for k in np.nonzero(nearest < reach)[0]:
             first, end = starts[k], min(rows[k].end, old)
@@ -260,8 +262,7 @@ class LoopSearch:
         anchor = candidate.nearest
         measured = se2.between(local.poses[anchor - local.begin], match.pose)
         covariance = match.covariance() + self._bend(candidate, measured)
-        information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-        return LoopEdge(anchor, self._state.last, measured, information)
+        return LoopEdge(anchor, self._state.last, measured, se2.invert_symmetric(covariance))
 
     def _bend(self, candidate: Candidate, T_anchor_node: Float) -> Float:
         """What the local grid itself may be wrong by, in the frame of the matched node.

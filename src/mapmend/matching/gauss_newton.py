@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.config import MatchConfig
+from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.matching import _kernels
 
@@ -51,7 +52,7 @@ class Match:
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         variance = SHARED_ERRORS * max(self.residual_std_m, LEAST_RESIDUAL_M) ** 2
         information = turn.T @ self.normal_matrix @ turn / variance + np.eye(3) / UNSEEN_STD_M**2
-        return np.asarray(np.linalg.inv(information), dtype=np.float64)
+        return se2.invert_symmetric(information)
 
 
 class SurfaceMatcher:
@@ -109,6 +110,6 @@ def prior_at(pose: Float, covariance: Float) -> Float:
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     prior = np.empty((4, 3))
-    prior[:3] = turn @ np.linalg.inv(covariance) @ turn.T
+    prior[:3] = turn @ se2.invert_symmetric(covariance) @ turn.T
     prior[3] = pose
     return prior
