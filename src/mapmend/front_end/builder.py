@@ -36,6 +36,7 @@ class FrontEnd:
         self.config = config
         self.state = GraphState(log)
         self._progress = progress
+        self._motions = se2.between(log.odometry[:-1], log.odometry[1:])
         self._points = ScanPoints(log.scans, config.scan)
         self._matcher = SurfaceMatcher(config.match)
         self._tracker = Tracker(self._matcher, config)
@@ -72,8 +73,7 @@ class FrontEnd:
         tracked = self._tracker.track(self._global.grid, self._points.of(k), before, motion)
         self.searched += tracked.searched
         pose = tracked.match.pose
-        self.state.hang_scan(k, self.state.last, pose)
-        if self._is_far(pose, self.state.node_pose[self.state.last]):
+        if self._is_far(self.state.hang_scan(k, self.state.last, pose)):
             self._open_node(k, pose, tracked.match)
             self._close_loops()
             pose = self.state.node_pose[self.state.last].copy()
@@ -83,16 +83,15 @@ class FrontEnd:
     def _reported_motion(self, k: int) -> Float:
         """The odometry's step to scan k; without odometry, the step before it again."""
         if self.config.motion.use_odometry:
-            return se2.between(self.log.odometry[k - 1], self.log.odometry[k])
+            return np.asarray(self._motions[k - 1])
         if k < 2:
             return np.zeros(3)
         state = self.state
         a, b = (se2.compose(state.node_pose[state.scan_node[row]], state.T_node_scan[row]) for row in (k - 2, k - 1))
         return se2.between(a, b)
 
-    def _is_far(self, pose: Float, node: Float) -> bool:
+    def _is_far(self, step: Float) -> bool:
         rows = self.config.key_nodes
-        step = se2.between(node, pose)
         return bool(math.hypot(step[0], step[1]) >= rows.node_every_m or abs(step[2]) >= rows.node_every_rad)
 
     def _open_node(self, k: int, pose: Float, match: Match | None) -> None:

@@ -15,7 +15,7 @@ from mapmend.front_end.key_nodes import KeyNodes
 from mapmend.front_end.state import GraphState
 from mapmend.grid.surface import SurfaceGrid
 
-CROWD = 2
+CROWD = 1
 SPOT_M = 1.0
 SPOT_RAD = 0.7
 ORIGIN = np.zeros(3)

@@ -64,10 +64,12 @@ class GraphState:
         self.hang_scan(scan, j, pose)
         return j
 
-    def hang_scan(self, scan: int, node: int, pose: Float) -> None:
-        """Notes that ``scan`` was found at ``pose`` (3,), to move along with ``node`` from now on."""
+    def hang_scan(self, scan: int, node: int, pose: Float) -> Float:
+        """Notes that ``scan`` was found at ``pose`` (3,), to move along with ``node``; returns its place on it."""
         self.scan_node[scan] = node
-        self.T_node_scan[scan] = se2.between(self.node_pose[node], pose)
+        step = se2.between(self.node_pose[node], pose)
+        self.T_node_scan[scan] = step
+        return step
 
     def chain_covariance(self, first: int, last: int) -> Float:
         """The covariance of ``T_first_last`` along the odometry edges, in the frame of ``last``: IGO eq. (6)."""
