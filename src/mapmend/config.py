@@ -18,6 +18,7 @@ class ScanConfig:
     min_range_m: float = 0.05
     max_range_m: float = 30.0  # beyond it, the points of a 1 degree laser lie half a metre apart
     surface_gap: float = 0.1  # neighbouring readings that differ by more than this share of the range are two surfaces
+    wall_std_m: float = 0.03  # unless they lie on one line within this: a wall seen at a grazing angle
 
 
 @dataclass(frozen=True)

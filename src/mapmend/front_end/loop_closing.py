@@ -252,8 +252,8 @@ class LoopSearch:
         for node in range(first, state.count):
             pose = se2.between(state.node_pose[state.last], state.node_pose[node])
             points = self._points.of(int(state.node_scan[node]))[::3]
-            normals = se2.transform_points(np.array([0.0, 0.0, pose[2]]), points[:, 2:])
-            parts.append(np.concatenate((se2.transform_points(pose, points[:, :2]), normals), axis=1))
+            normals = se2.transform_points(np.array([0.0, 0.0, pose[2]]), points[:, 2:4])
+            parts.append(np.concatenate((se2.transform_points(pose, points[:, :2]), normals, points[:, 4:]), axis=1))
         return np.ascontiguousarray(np.concatenate(parts))
 
     def _edge(self, candidate: Candidate, match: Match) -> LoopEdge:

@@ -22,15 +22,17 @@ class ScanPoints:
                 np.cos(g.bearings_rad()),
                 np.sin(g.bearings_rad()),
                 np.array(g.T_robot_laser, dtype=np.float64),
-                np.array([config.min_range_m, min(config.max_range_m, g.max_range_m), config.surface_gap]),
+                np.array(
+                    [config.min_range_m, min(config.max_range_m, g.max_range_m), config.surface_gap, config.wall_std_m]
+                ),
             )
             for g in scans.geometries
         ]
         most = max((g.beam_count for g in scans.geometries), default=0)
-        self._room = np.zeros((most, 4))
+        self._room = np.zeros((most, 5))
 
     def of(self, k: int) -> Float:
-        """The returns of scan k: x, y, normal x, normal y; shape (n, 4). The next call overwrites it."""
+        """The returns of scan k: x, y, normal x, normal y, thin; shape (n, 5). The next call overwrites it."""
         cosines, sines, mounting, limits = self._lasers[self._scans.geometry_index[k]]
         count = _kernels.project_scan(self._scans.ranges_of(k), cosines, sines, limits, mounting, self._room)
         return self._room[:count]

@@ -41,7 +41,7 @@ class Tracker:
         self._random = np.random.default_rng(config.seed)
 
     def track(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float) -> Tracked:
-        """Finds a scan, ``points`` (n, 4), that the odometry puts at ``before * motion``; poses of shape (3,)."""
+        """Finds a scan, ``points`` (n, 5), that the odometry puts at ``before * motion``; poses of shape (3,)."""
         predicted = se2.compose(before, motion)
         prior = round_prior(predicted, *odometry_std(motion, self._config.motion))
         match = self._matcher.match(grid, points, predicted, prior)

@@ -26,6 +26,10 @@ TILE_CELLS = TILE * TILE
 REACH = 4
 # The mean of a cell forgets beyond this many returns, so that a map can still follow a door that moved.
 MEAN_MEMORY = 40
+# Neighbouring points farther apart than this are not taken for one wall, however well they lie on a line.
+MOST_CHORD_M = 5.0
+# A post or a leg: at most so many beams wide.
+MOST_THIN_BEAMS = 4
 # A return weighs as much as this many passes: a beam that grazes a wall passes through some of its cells.
 RETURN_WEIGHT = 3
 # A beam clears up to this many cells from its surface, measured along the surface's normal.
@@ -36,11 +40,13 @@ MOST_EVIDENCE = 100
 
 @njit(cache=True, nogil=True)
 def project_scan(ranges, cosines, sines, limits, mounting, points):
-    """Returns of one scan as points with normals in the robot's frame: rows (x, y, normal x, normal y, k).
+    """Returns of one scan as points with normals in the robot's frame: rows (x, y, normal x, normal y, thin).
 
-    ``limits`` = (shortest, longest usable range, largest gap between neighbours on one surface relative to range).
+    ``limits`` = (shortest, longest usable range, largest difference to a neighbour's range on one surface as a share of
+    it, distance m from the neighbours' chord up to which a point farther from them still lies on one wall with them).
     The normal is that of the chord between the two neighbouring beams, towards the laser; (0, 0) where they are apart.
-    Returns the number of rows written.
+    A wall seen at a grazing angle has its points far apart, but on one line. Thin is 1 for the points of a post or a
+    leg, which hold a robot in every direction, else 0. Returns the number of rows written.
     """
     count = 0
     beams = ranges.shape[0]
@@ -53,12 +59,14 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
         nx, ny = 0.0, 0.0
         if 0 < k < beams - 1:
             before, after = float(ranges[k - 1]), float(ranges[k + 1])
-            gap = limits[2] * r + 0.03
-            if abs(before - r) < gap and abs(after - r) < gap:
-                tx = after * cosines[k + 1] - before * cosines[k - 1]
-                ty = after * sines[k + 1] - before * sines[k - 1]
-                length = math.sqrt(tx * tx + ty * ty)
-                if length > 1e-6:
+            gap = limits[2] * r + limits[3]
+            bx, by = before * cosines[k - 1], before * sines[k - 1]
+            tx, ty = after * cosines[k + 1] - bx, after * sines[k + 1] - by
+            length = math.sqrt(tx * tx + ty * ty)
+            if 1e-6 < length < MOST_CHORD_M:
+                near = abs(before - r) < gap and abs(after - r) < gap
+                between = (before - r) * (after - r) < 0.0
+                if near or (between and abs(tx * (y - by) - ty * (x - bx)) < limits[3] * length):
                     nx, ny = -ty / length, tx / length
                     if nx * x + ny * y > 0.0:
                         nx, ny = -nx, -ny
@@ -66,8 +74,26 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
         points[count, 1] = mounting[1] + sin_m * x + cos_m * y
         points[count, 2] = cos_m * nx - sin_m * ny
         points[count, 3] = sin_m * nx + cos_m * ny
+        points[count, 4] = 1.0 if _is_thin(ranges, k, limits[2] * r + limits[3]) else 0.0
         count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def _is_thin(ranges, k, gap):
+    """Whether beam k hits one of a few neighbouring points with nothing near them on either side but what lies behind.
+
+    The last point of a wall before its end or the laser's range is none of these: it moves along with the robot.
+    """
+    width = 1
+    for step in (-1, 1):
+        i = k + step
+        while 0 <= i < ranges.shape[0] and abs(ranges[i] - ranges[k]) < gap and width <= MOST_THIN_BEAMS:
+            width += 1
+            i += step
+        if not (0 <= i < ranges.shape[0] and ranges[i] > ranges[k] + gap):
+            return False
+    return width <= MOST_THIN_BEAMS
 
 
 @njit(cache=True, nogil=True)
@@ -258,6 +284,11 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
             share = 1.0 / returns[cell]
             surface[cell, 0] += share * (x - surface[cell, 0])
             surface[cell, 1] += share * (y - surface[cell, 1])
+            if nx == 0.0 and ny == 0.0:
+                continue  # nothing to add to what is known of the surface's direction
+            if surface[cell, 2] == 0.0 and surface[cell, 3] == 0.0:
+                surface[cell, 2], surface[cell, 3] = nx, ny
+                continue
             seen_from = 1.0
             if nx * surface[cell, 2] + ny * surface[cell, 3] < 0.0:
                 seen_from, nx, ny = -1.0, -nx, -ny

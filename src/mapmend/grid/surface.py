@@ -72,7 +72,7 @@ class SurfaceGrid:
             self.arrays[3][:used] = old[3][:used]
 
     def insert(self, points: Float, laser_origin: Float, pose: Float) -> None:
-        """Adds a scan: ``points`` (n, 4) from `project_scan`, the laser's place on the robot, ``T_grid_robot``."""
+        """Adds a scan: ``points`` (n, 5) from `project_scan`, the laser's place on the robot, ``T_grid_robot``."""
         if len(points) == 0:
             return
         if not _kernels.find_room(

@@ -11,7 +11,8 @@ from mapmend.grid._kernels import cell_at
 
 # A mean normal at least this long (squared) belongs to one flat surface; shorter ones to corners and clutter.
 COHERENT = 0.6
-# A point of no flat surface holds in every direction, but on the discrete mean of a cell: it counts for less.
+# A post holds in every direction, but on the discrete mean of a cell: it counts for less. Other points on cells without
+# a direction hold in none: the far end of what is seen of a wall moves along with the robot.
 CLUTTER_WEIGHT = 0.3
 # Cosine between the normals of a point and of a surface below which they are two sides of a thin wall.
 OTHER_SIDE = -0.3
@@ -92,7 +93,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
                 bt += w * j * e
                 weights += w
                 squares += w * e * e
-            else:
+            elif points[k, 4] > 0.0:
                 w = CLUTTER_WEIGHT / (1.0 + d2 / (sigma * sigma))
                 hxx += w
                 hxt += -w * ry

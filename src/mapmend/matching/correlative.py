@@ -38,7 +38,7 @@ class Region:
 
 
 def search(field: LikelihoodField, points: Float, region: Region, score_to_beat: float) -> tuple[Float, float] | None:
-    """The best pose (3,) and its score, or None where none beats ``score_to_beat``; ``points`` (n, 4), robot frame.
+    """The best pose (3,) and its score, or None where none beats ``score_to_beat``; ``points`` (n, 5), robot frame.
 
     Whole cells and angles at which a point ten metres away moves by a cell: to be refined below the cell size.
     """

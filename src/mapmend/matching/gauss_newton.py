@@ -76,7 +76,7 @@ class SurfaceMatcher:
         self._counts = np.zeros(3)
 
     def match(self, grid: SurfaceGrid, points: Float, start: Float, prior: Float = NO_PRIOR) -> Match:
-        """Matches ``points`` (n, 4) from ``start`` (3,); ``prior`` (4, 3): information in map axes, expected pose."""
+        """Matches ``points`` (n, 5) from ``start`` (3,); ``prior`` (4, 3): information in map axes, expected pose."""
         self._settings[0] = grid.cell_size_m
         result = self._result
         _kernels.match_points(grid.table, grid.frame, grid.arrays, points, start, prior, self._settings, result)
@@ -90,7 +90,7 @@ class SurfaceMatcher:
         )
 
     def judge(self, grid: SurfaceGrid, points: Float, pose: Float) -> tuple[int, int, int]:
-        """How many of ``points`` (n, 4) at ``pose`` the grid confirms, contradicts, and has never seen."""
+        """How many of ``points`` (n, 5) at ``pose`` the grid confirms, contradicts, and has never seen."""
         self._score_settings[0] = grid.cell_size_m
         _kernels.score_points(grid.table, grid.frame, grid.arrays, points, pose, self._score_settings, self._counts)
         return int(self._counts[0]), int(self._counts[1]), int(self._counts[2])
