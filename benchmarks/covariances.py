@@ -1,0 +1,146 @@
+"""Whether the covariances say the truth, on simulated drives: the normalized estimation error squared (NEES).
+
+For covariances that are right, the mean over n independent errors of three axes lies in its band with probability
+0.95; below it they are too large, above it too small. Neighbouring odometry edges share a node's matching noise, so
+the pooled bands are somewhat narrow. The marginals of one run are almost wholly dependent (one bent corridor moves all
+behind it): each run's mean counts as ONE sample of a chi-square with 3 degrees of freedom, and the band is that of as
+many samples as there are runs. For errors that are wholly dependent that is exact; for others it is too wide.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from _measure import markdown
+from numpy.typing import NDArray
+
+from mapmend.config import Config
+from mapmend.evaluation.nees import mean_nees_band, normalized_errors, pose_errors
+from mapmend.front_end.builder import FrontEnd
+from mapmend.geometry import se2
+from mapmend.graph.marginals import marginals
+from mapmend.graph.optimizer import optimize
+from mapmend.simulation import World, corridor_loop, office_floor, random_building, simulate
+
+Float = NDArray[np.float64]
+
+WORLDS: dict[str, Callable[[int], World]] = {
+    "office floor": lambda _seed: office_floor(),
+    "random building": random_building,
+    "corridor loop": lambda _seed: corridor_loop(),
+}
+HOLDS = ("office floor", "random building")
+HEAD = (
+    "worlds",
+    "what",
+    "samples",
+    "mean NEES",
+    "95 % band",
+    "median",
+    "in the band",
+    "variance x, y, θ",
+    "lag 1 x, y, θ",
+)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors (n, 3) of estimates and what the covariances (n, 3, 3) make of them."""
+
+    errors: Float
+    covariances: Float
+
+    @property
+    def nees(self) -> Float:
+        return normalized_errors(self.errors, self.covariances)
+
+    @property
+    def per_axis(self) -> Float:
+        """Each axis by its own standard deviation, shape (n, 3)."""
+        return self.errors / np.sqrt(np.einsum("nii->ni", self.covariances))
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What one simulated drive was mapped to, beside the truth."""
+
+    odometry: Errors
+    loops: Errors
+    marginals: Errors
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="drives a world (default: 5)")
+    options = parser.parse_args()
+    drives = {name: [drive(world(seed), seed) for seed in range(options.seeds)] for name, world in WORLDS.items()}
+    rows = []
+    for name in WORLDS:
+        rows += table_rows(name, drives[name])
+        if name == HOLDS[-1]:
+            rows += table_rows("**both**", [one for each in HOLDS for one in drives[each]])
+    print(markdown(HEAD, rows))
+
+
+def drive(world: World, seed: int) -> Drive:
+    """Simulates and maps with defaults; errors of what was measured and of what the optimizer made of it."""
+    simulation = simulate(world, seed=seed)
+    state = FrontEnd(simulation.log, Config()).run()
+    graph = state.pose_graph()
+    truth = se2.between(simulation.truth[0], simulation.truth[state.node_scan[: state.count]])
+    true_edges = se2.between(truth[graph.edges[:, 0]], truth[graph.edges[:, 1]])
+    errors = pose_errors(graph.measurements, true_edges)
+    covariances = np.asarray(np.linalg.inv(graph.information))
+    loop = graph.is_loop
+    optimized = optimize(graph)
+    # Node 0 is fixed at the truth.
+    nodes = Errors(pose_errors(optimized.poses, truth)[1:], marginals(optimized.factorization)[1:])
+    return Drive(Errors(errors[~loop], covariances[~loop]), Errors(errors[loop], covariances[loop]), nodes)
+
+
+def table_rows(name: str, drives: list[Drive]) -> list[tuple[str, ...]]:
+    """A row each for odometry edges, loop edges and marginals, pooled over drives."""
+    edges, loops = [one.odometry for one in drives], [one.loops for one in drives]
+    rows = [edge_row(name, "odometry edges", edges)]
+    if any(len(one.errors) for one in loops):
+        rows.append(edge_row(name, "loop edges", loops))
+    means = np.array([one.marginals.nees.mean() for one in drives])
+    low, high = mean_nees_band(len(means))
+    runs = ", ".join(f"{mean:.2f}" for mean in means)
+    mean = float(means.mean())
+    count = f"{len(means)} runs: {runs}"
+    cells = (count, f"{mean:.2f}", f"{low:.2f} to {high:.2f}", f"{np.median(means):.2f}", verdict(mean, low, high))
+    return [*rows, (name, "node marginals", *cells, "", "")]
+
+
+def edge_row(name: str, what: str, parts: list[Errors]) -> tuple[str, ...]:
+    nees = np.concatenate([part.nees for part in parts])
+    low, high = mean_nees_band(len(nees))
+    variances = np.mean(np.concatenate([part.per_axis for part in parts]) ** 2, axis=0)
+    mean = float(nees.mean())
+    cells = (f"{len(nees)}", f"{mean:.2f}", f"{low:.2f} to {high:.2f}", f"{np.median(nees):.2f}")
+    return (name, what, *cells, verdict(mean, low, high), three(variances), three(lag_one(parts)))
+
+
+def lag_one(parts: list[Errors]) -> Float:
+    """The correlation of each error with the next one of its drive, by axis, shape (3,)."""
+    before = np.concatenate([part.per_axis[:-1] for part in parts])
+    after = np.concatenate([part.per_axis[1:] for part in parts])
+    return np.asarray((before * after).sum(axis=0) / np.sqrt((before**2).sum(axis=0) * (after**2).sum(axis=0)))
+
+
+def verdict(mean: float, low: float, high: float) -> str:
+    if mean < low:
+        return "below: too wide"
+    return "above: too narrow" if mean > high else "yes"
+
+
+def three(values: Float) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)
+
+
+if __name__ == "__main__":
+    main()
