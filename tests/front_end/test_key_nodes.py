@@ -140,12 +140,23 @@ def test_only_the_local_grids_asked_for_last_are_kept(driven):
     for k in range(1, KEPT_GRIDS):
         key_nodes.local_grid(k)
     assert key_nodes.local_grid(0) is first  # asked for again: it stays, and the oldest goes
-    second = key_nodes.local_grid(1)
     for k in range(KEPT_GRIDS, KEPT_GRIDS + 3):
         key_nodes.local_grid(k)
     assert len(key_nodes._grids) == KEPT_GRIDS
-    key_nodes.forget_grids()
-    assert key_nodes.local_grid(1) is not second
+
+
+def test_a_local_grid_is_built_anew_when_its_key_node_has_grown():
+    simulation = drive(1)
+    state = GraphState(simulation.log)
+    key_nodes = KeyNodes(state, ScanPoints(simulation.log.scans, CONFIG.scan), CONFIG)
+    for scan in range(0, 20, 2):
+        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3)))
+    half = key_nodes.local_grid(0)
+    for scan in range(20, 30, 2):
+        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3)))
+    assert key_nodes.last == 0
+    assert len(half.poses) == 10
+    assert len(key_nodes.local_grid(0).poses) == 15
 
 
 def test_a_local_grid_stands_in_the_frame_of_its_key_nodes_first_node(driven):

@@ -114,9 +114,10 @@ class KeyNodes:
 
     def local_grid(self, k: int) -> LocalGrid:
         """The local grid of key-node k: its nodes' scans and half as many of its neighbours'."""
-        if k in self._grids:
+        kept = self._grids.get(k)
+        if kept is not None and kept.begin + len(kept.poses) >= self.rows[k].end:
             self._grids.move_to_end(k)
-            return self._grids[k]
+            return kept
         state = self._state
         anchor = self.rows[k].first
         grid = SurfaceGrid(self._config.grid.cell_size_m)
@@ -143,7 +144,3 @@ class KeyNodes:
         poses = se2.between(frame, state.node_pose[nodes])
         for pose, scan in zip(poses, state.node_scan[nodes], strict=True):
             grid.insert(points.of(int(scan)), points.laser_origin(int(scan)), pose)
-
-    def forget_grids(self) -> None:
-        """Drops all local grids; they are built anew from the nodes' poses of then."""
-        self._grids.clear()

@@ -17,6 +17,9 @@ from mapmend.graph.system import Factorization
 from mapmend.matching.correlative import Region, search
 from mapmend.matching.gauss_newton import Match, SurfaceMatcher, prior_at
 
+# Searches reach no farther than so many T_l: beyond it their cost grows and the chance of a look-alike with it.
+MOST_DRIFT = 2.0
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -115,7 +118,7 @@ class LoopSearch:
         starts = starts[: int(np.searchsorted(starts, old))]
         nearest = np.minimum.reduceat(distance, starts)
         length = self._config.key_nodes.trajectory_length_m
-        drift = np.minimum(3.0 * loops.drift_per_m * (path[-1] - path[starts]), 2.0 * length)
+        drift = np.minimum(3.0 * loops.drift_per_m * (path[-1] - path[starts]), MOST_DRIFT * length)
         drift[[k for k in known if k < len(starts)]] = 0.0
         reach = length + drift
         found = []
@@ -218,7 +221,7 @@ class LoopSearch:
         turn = np.array([[cos, -sin], [sin, cos]])
         ellipse = turn @ covariance[:2, :2] @ turn.T
         values, vectors = np.linalg.eigh(ellipse)
-        most = 2.0 * self._config.key_nodes.trajectory_length_m
+        most = MOST_DRIFT * self._config.key_nodes.trajectory_length_m
         long_axis = vectors[:, 1]
         half_length = min(3.0 * float(np.sqrt(values[1])), most)
         length = float(np.hypot(predicted[0], predicted[1]))
@@ -273,7 +276,7 @@ class LoopSearch:
         state = self._state
         way = 0.5 * self._config.key_nodes.trajectory_length_m
         path = state.node_path_m[: state.count]
-        end = int(np.searchsorted(path, path[candidate.nearest] + way))
-        chain = state.chain_covariance(candidate.nearest, min(end, state.last))
+        end = min(int(np.searchsorted(path, path[candidate.nearest] + way)), state.last)
+        chain = state.chain_covariance(candidate.nearest, end)
         carry = se2.adjoint(se2.between(T_anchor_node, se2.between(*state.node_pose[[candidate.nearest, end]])))
         return np.asarray(carry @ chain @ carry.T)

@@ -29,7 +29,7 @@ class GraphState:
 
     ``node_pose`` (n, 3), ``node_scan`` (n,), ``node_path_m`` (n,) trajectory length up to the node; row j of
     ``odometry_edge`` / ``odometry_information`` belongs to the edge from node j - 1 to j. ``scan_node`` names the node
-    that a scan hangs on by ``T_node_scan``; ``in_grid`` marks the scans that grids are built from.
+    that a scan hangs on by ``T_node_scan``.
     """
 
     def __init__(self, log: ScanLog) -> None:

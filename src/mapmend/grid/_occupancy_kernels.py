@@ -10,7 +10,7 @@ def count_beams(scans, directions, lasers, frame, first_row, counts):
     """Adds what every beam says about the rows of a map from ``first_row`` on.
 
     ``scans`` = (ranges float32 (total,), offsets int64 (n + 1,), laser number int32 (n,)). ``directions``: (lasers,
-    beams, 2), unit vectors in the laser's frame. ``lasers``: (n, 5), x, y, cos, sin of the laser in the map.
+    beams, 2), unit vectors in the laser's frame. ``lasers``: (n, 4), x, y, cos, sin of the laser in the map.
     ``frame`` = (x and y of the map's lower left corner, cell size, shortest and longest usable range).
     ``counts``: int32, (2, rows, columns), returns and passes, for cells ``first_row`` to ``first_row + rows - 1``.
 
