@@ -6,18 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapmend.config import Config, from_dict, read_toml, to_dict, to_toml
+from mapmend.config import ABOVE_ZERO, BELOW_ONE, SHARES, Config, from_dict, read_toml, to_dict, to_toml
 from mapmend.errors import InputError
 
 BLOCKS = [f.name for f in fields(Config) if f.name != "seed"]
 
 
-def values_like(default):
+def values_like(key, default):
     if isinstance(default, bool):
         return st.booleans()
     if isinstance(default, int):
         return st.integers(1, 10**6)
-    return st.floats(1e-6, 1e3)
+    # Some of what has no unit is a share.
+    return st.floats(1e-6, 1e3 if key.endswith(("_m", "_rad")) else 0.999)
 
 
 @st.composite
@@ -27,7 +28,7 @@ def configs(draw):
     for name in draw(st.sets(st.sampled_from(BLOCKS))):
         block = getattr(config, name)
         keys = draw(st.sets(st.sampled_from([f.name for f in fields(block)])))
-        new = {key: draw(values_like(getattr(block, key))) for key in keys}
+        new = {key: draw(values_like(key, getattr(block, key))) for key in keys}
         try:
             from_dict({name: new})
         except InputError:
@@ -97,24 +98,88 @@ def test_what_is_wrong_is_said_in_one_line_that_names_the_file(tmp_path, text, c
     assert "\n" not in message
 
 
-@pytest.mark.xfail(strict=True, reason="zeros and quantiles above 1 are taken, and then divided by or searched for")
 @pytest.mark.parametrize(
     "text",
     [
+        "[scan]\nmax_range_m = 0.0",
+        "[scan]\nmax_range_m = 0.05",
+        "[scan]\nmin_range_m = 30.0",
+        "[scan]\nmin_range_m = 5\nmax_range_m = 4",
+        "[scan]\nsurface_gap = 1.1",
         "[grid]\ncell_size_m = 0.0",
-        "[match]\nreach_m = 0.0",
+        "[grid]\ncell_size_m = -0.0",
+        "[match]\nreach_m = 0",
         "[match]\nhalf_weight_m = 0.0",
         "[match]\ndistance_std_m = 0.0",
-        "[loops]\nguess_every_m = 0.0",
+        "[match]\niterations = 0",
+        "[match]\nwidening = 0.0",
+        "[match]\nmin_score = 1.01",
+        "[motion]\nmin_translation_std_m = 0.0",
+        "[motion]\nmin_rotation_std_rad = 0.0",
+        "[motion]\nrotation_std_per_m = 1" + 400 * "0",
+        "[key_nodes]\nnode_every_m = 0.0",
+        "[key_nodes]\nnode_every_rad = 0.0",
         "[key_nodes]\ntrajectory_length_m = 0.0",
         "[loops]\ngate_quantile = 1.5",
+        "[loops]\ngate_quantile = 1.0",
+        "[loops]\ngate_quantile = 0.0",
+        "[loops]\nguess_every_m = 0.0",
+        "[loops]\ncertain_std_m = 0.0",
+        "[loops]\ncertain_std_rad = 0.0",
+        "[loops]\nmin_likelihood = 2",
+        "[loops]\nmin_score = 1.5",
+        "[loops]\nmin_agreement = 90.0",
+        "[loops]\nmin_overlap = 1.0001",
+        "[loops]\nmin_observability = 1.5",
     ],
 )
 def test_values_that_nothing_works_with_are_refused(tmp_path, text):
     path = tmp_path / "c.toml"
     path.write_text(text + "\n")
-    with pytest.raises(InputError):
+    with pytest.raises(InputError) as raised:
         read_toml(path)
+    message = str(raised.value)
+    block, key = text.split("\n")[0][1:-1], text.split("\n")[1].split(" = ")[0]
+    assert message.startswith(f"{path}: '{'scan.max_range_m' if key == 'min_range_m' else f'{block}.{key}'}' is ")
+    assert "; give " in message
+    assert "\n" not in message
+
+
+def test_what_may_be_asked_for_is_said():
+    for tables, wanted in (
+        ({"match": {"min_score": 1.2}}, "'match.min_score' is 1.2; give a number not below 0 and not above 1"),
+        ({"loops": {"gate_quantile": 1}}, "'loops.gate_quantile' is 1; give a number above 0 and below 1"),
+        ({"match": {"iterations": 0}}, "'match.iterations' is 0; give a whole number above 0"),
+        ({"scan": {"min_range_m": 40}}, "'scan.max_range_m' is 30; give more than min_range_m, 40"),
+    ):
+        with pytest.raises(InputError) as raised:
+            from_dict(tables)
+        assert str(raised.value) == wanted
+
+
+def test_the_tables_of_limits_name_keys_that_there_are():
+    keys = {f"{name}.{f.name}" for name in BLOCKS for f in fields(getattr(Config(), name))}
+    assert keys >= ABOVE_ZERO | SHARES | BELOW_ONE
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[scan]\nmin_range_m = 0",
+        "[scan]\nsurface_gap = 1",
+        "[grid]\ninsert_every_m = 0.0",
+        "[motion]\nhypotheses = 0",
+        "[match]\nmin_score = 1.0",
+        "[match]\nmin_score = 0.0",
+        "[loops]\nmin_agreement = 1.0",
+        "[loops]\nmin_separation_m = 0.0",
+    ],
+)
+def test_zeros_and_whole_shares_that_mean_something_are_taken(tmp_path, text):
+    path = tmp_path / "c.toml"
+    path.write_text(text + "\n")
+    block, key, value = text[1:].replace("]\n", " ").replace("= ", "").split()
+    assert getattr(getattr(read_toml(path), block), key) == float(value)
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path):

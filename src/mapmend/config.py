@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 import tomllib
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -111,13 +111,43 @@ class Config:
     seed: int = 0
 
 
+# What nothing works with at zero: it is divided by, or nothing would ever be looked at.
+ABOVE_ZERO = {
+    "grid.cell_size_m",
+    "match.reach_m",
+    "match.half_weight_m",
+    "match.distance_std_m",
+    "match.iterations",
+    "match.widening",
+    "motion.min_translation_std_m",
+    "motion.min_rotation_std_rad",
+    "key_nodes.node_every_m",
+    "key_nodes.node_every_rad",
+    "key_nodes.trajectory_length_m",
+    "loops.gate_quantile",
+    "loops.guess_every_m",
+    "loops.certain_std_m",
+    "loops.certain_std_rad",
+}
+SHARES = {
+    "scan.surface_gap",
+    "match.min_score",
+    "loops.min_likelihood",
+    "loops.min_score",
+    "loops.min_agreement",
+    "loops.min_overlap",
+    "loops.min_observability",
+}
+BELOW_ONE = {"loops.gate_quantile"}
+
+
 def to_dict(config: Config) -> dict[str, Any]:
     """Plain tables, as TOML and JSON have them."""
     return asdict(config)
 
 
 def from_dict(tables: dict[str, Any], source: str | None = None) -> Config:
-    """A configuration from plain tables; unknown keys and values of the wrong type raise ``InputError``."""
+    """A configuration from plain tables; unknown keys and values of the wrong type or size raise ``InputError``."""
     config = Config()
     blocks = {f.name: f for f in fields(Config)}
     for name, value in tables.items():
@@ -135,18 +165,25 @@ def from_dict(tables: dict[str, Any], source: str | None = None) -> Config:
                 raise InputError(source, f"unknown key '{name}.{key}'", f"known are {', '.join(sorted(known))}")
         checked = {k: _checked(source, f"{name}.{k}", getattr(current, k), v) for k, v in value.items()}
         config = replace(config, **{name: replace(current, **checked)})
+    nearest, farthest = config.scan.min_range_m, config.scan.max_range_m
+    if nearest >= farthest:
+        raise InputError(source, f"'scan.max_range_m' is {farthest:g}", f"give more than min_range_m, {nearest:g}")
     return config
 
 
 def _checked(source: str | None, name: str, default: Any, value: Any) -> Any:
-    if isinstance(default, bool) or isinstance(value, bool):
-        fits = isinstance(default, bool) and isinstance(value, bool)
-    elif isinstance(default, int):
-        fits = isinstance(value, int) and value >= 0
+    if isinstance(default, bool):
+        fits, wanted = isinstance(value, bool), "true or false"
     else:
-        fits = isinstance(value, int | float) and math.isfinite(value) and value >= 0
+        kind = int if isinstance(default, int) else int | float
+        above, below = name in ABOVE_ZERO, name in BELOW_ONE
+        most = 1.0 if below or name in SHARES else sys.float_info.max
+        fits = isinstance(value, kind) and not isinstance(value, bool) and 0 <= value <= most
+        fits = fits and not (above and value == 0) and not (below and value == 1)
+        wanted = f"a{' whole' if kind is int else ''} number {'above 0' if above else 'not below 0'}"
+        if most == 1.0:
+            wanted += " and below 1" if below else " and not above 1"
     if not fits:
-        wanted = "true or false" if isinstance(default, bool) else "a number that is not negative"
         raise InputError(source, f"'{name}' is {value!r}", f"give {wanted}")
     return float(value) if isinstance(default, float) else value
 
