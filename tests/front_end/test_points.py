@@ -35,4 +35,4 @@ def test_no_returns_and_readings_beyond_either_longest_range_are_left_out():
 
 def test_a_scan_without_readings_has_no_points():
     scans = Scans(np.zeros(0, np.float32), np.array([0, 0]), np.zeros(1, np.int32), (FRONT,))
-    assert ScanPoints(scans, ScanConfig()).of(0).shape == (0, 4)
+    assert ScanPoints(scans, ScanConfig()).of(0).shape == (0, 5)

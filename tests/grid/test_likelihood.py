@@ -17,7 +17,7 @@ def grid_of(seed, returns=12, spread_m=2.5):
     """A grid of single returns: the nearest surface of a cell is the nearest of all."""
     rng = np.random.default_rng(seed)
     grid = SurfaceGrid(SIZE)
-    points = np.zeros((returns, 4))
+    points = np.zeros((returns, 5))
     points[:, :2] = rng.uniform(-spread_m, spread_m, (returns, 2))
     grid.insert(points, points[0, :3] * (1.0, 1.0, 0.0), np.array([*rng.uniform(-9.0, 9.0, 2), 0.0]))
     return grid
@@ -78,7 +78,7 @@ def test_nothing_likely_lies_on_the_rim_where_offsets_from_outside_begin():
 def test_a_part_of_the_field_is_that_part_of_the_whole(centre):
     grid = SurfaceGrid(SIZE)
     rng = np.random.default_rng(9)
-    points = np.zeros((200, 4))
+    points = np.zeros((200, 5))
     points[:, :2] = rng.uniform(-12.0, 12.0, (200, 2))
     grid.insert(points, np.zeros(3), np.zeros(3))
     whole, part = likelihood_field(grid, 0.1), likelihood_field(grid, 0.1, centre, 2.0)

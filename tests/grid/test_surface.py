@@ -24,29 +24,142 @@ readings = st.one_of(st.floats(0.0625, 12.0, width=32), st.sampled_from([np.inf,
         lambda some: st.tuples(st.just(some), st.lists(st.floats(-0.02, 0.02), min_size=len(some), max_size=len(some)))
     ),
     st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)),
-    st.booleans(),
+    st.sampled_from(["any", "round", "wall", "posts"]),
+    st.floats(-0.37, 0.37),
 )
-def test_projected_points_and_normals_are_those_of_the_plain_twin(drawn, mounting, smooth):
+def test_projected_points_and_normals_are_those_of_the_plain_twin(drawn, mounting, kind, slant):
     ranges, noise = drawn
-    if smooth and ranges:  # a surface: neighbours belong together
-        ranges = [ranges[0] * (1.0 + n) for n in noise]
-    ranges = np.array(ranges, dtype=np.float32)
     bearings = -1.0 + 0.2 * np.arange(len(ranges))
-    limits = np.array([0.05, 10.0, 0.1])
+    if kind != "any" and ranges:
+        near = ranges[0] * (1.0 + np.array(noise))
+        if kind == "round":  # a surface: neighbours belong together
+            ranges = near
+        elif kind == "wall":  # so they do far apart where they lie on a line
+            ranges = ranges[0] / np.cos(bearings - slant) + 2.0 * np.array(noise)
+        else:  # something near here and there, before what is behind
+            ranges = np.where(np.array(ranges) > 3.0, ranges[0] + 4.0, near)
+    ranges = np.array(ranges, dtype=np.float32)
+    limits = np.array([0.05, 10.0, 0.1, 0.03])
     expected = project_scan([float(r) for r in ranges], bearings, limits, mounting)
-    points = np.full((len(ranges), 4), 7.0)
+    points = np.full((len(ranges), 5), 7.0)
     count = _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), limits, np.array(mounting), points)
     assert count == len(expected)
-    np.testing.assert_allclose(points[:count], np.array(expected).reshape(-1, 4), atol=1e-9)
+    np.testing.assert_allclose(points[:count], np.array(expected).reshape(-1, 5), atol=1e-9)
 
 
 def test_normals_of_a_wall_look_at_the_laser():
     bearings = np.radians(np.arange(-60.0, 61.0))
-    points = np.zeros((len(bearings), 4))
-    ranges = (2.0 / np.cos(bearings)).astype(np.float32)
-    _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), np.array([0.05, 30.0, 0.1]), np.zeros(3), points)
-    np.testing.assert_allclose(points[1:-1, 2:], np.tile([-1.0, 0.0], (len(bearings) - 2, 1)), atol=1e-5)
-    assert np.all(points[[0, -1], 2:] == 0.0)
+    points = projected(2.0 / np.cos(bearings), bearings)
+    np.testing.assert_allclose(points[1:-1, 2:4], np.tile([-1.0, 0.0], (len(bearings) - 2, 1)), atol=1e-5)
+    assert np.all(points[[0, -1], 2:4] == 0.0)
+
+
+def projected(ranges, bearings):
+    """The points of a laser in the robot's centre; a row for every reading, none of which may be left out."""
+    points = np.full((len(bearings), 5), 7.0)
+    limits = np.array([0.05, 100.0, 0.1, 0.03])
+    ranges = np.array(ranges, dtype=np.float32)
+    count = _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), limits, np.zeros(3), points)
+    assert count == np.isfinite(ranges).sum()
+    return points[:count]
+
+
+def test_a_wall_at_a_grazing_angle_has_normals_as_far_as_its_points_are_not_metres_apart():
+    """Beside the robot, one metre away, seen at 60 down to 3 degrees: from 15 degrees on, neighbours differ by 0.1."""
+    degrees = np.arange(60, 2, -1)
+    bearings = np.radians(degrees)
+    points = projected(1.0 / np.sin(bearings), bearings)
+    ends = np.isin(degrees, (60, 3))
+    dense = degrees >= 5  # at 4 degrees, the neighbours are 7.6 m apart
+    wall = dense & ~ends
+    np.testing.assert_allclose(points[wall, 2:4], np.tile([0.0, -1.0], (wall.sum(), 1)), atol=1e-4)
+    assert np.all(points[~wall, 2:4] == 0.0)
+    noisy = projected(1.0 / np.sin(bearings) + 0.01 * np.cos(7.0 * degrees), bearings)
+    grazing = wall & (degrees < 15)
+    assert np.all(noisy[grazing, 3] < -0.99)
+
+
+@pytest.mark.parametrize(
+    "middle",
+    [
+        (2.0, 4.0, 6.0),  # stairs of three surfaces, each behind the other
+        (2.0, 2.0, 6.0),  # the last of a surface before what lies behind
+        (6.0, 2.0, 6.0),
+        (2.0, 6.0, 2.0),
+        (6.0, 6.0, np.inf),
+        (2.0, np.inf, 6.0),
+    ],
+)
+def test_what_lies_on_no_line_with_its_neighbours_has_no_normal(middle):
+    """Two degrees apart: the stairs' middle is 7 cm off the line of its neighbours."""
+    bearings = np.radians(np.arange(3) * 2.0 + 40.0)
+    rows = np.zeros((3, 5))
+    count = _kernels.project_scan(
+        np.array(middle, dtype=np.float32),
+        np.cos(bearings),
+        np.sin(bearings),
+        np.array([0.05, 30.0, 0.1, 0.03]),
+        np.zeros(3),
+        rows,
+    )
+    assert np.all(rows[:count, 2:4] == 0.0)
+
+
+def thin(ranges):
+    """Which readings of a laser of one beam a degree are thin, by their numbers."""
+    ranges = np.array(ranges, dtype=float)
+    bearings = np.radians(np.arange(len(ranges)) - 45.0)
+    numbers = np.flatnonzero(np.isfinite(ranges))
+    column = projected(ranges, bearings)[:, 4]
+    assert set(column) <= {0.0, 1.0}
+    return numbers[column == 1.0].tolist()
+
+
+def with_something(behind_m, first, width, range_m):
+    ranges = np.full(90, behind_m)
+    ranges[first : first + width] = range_m
+    return ranges
+
+
+@pytest.mark.parametrize("behind_m", [6.0, np.inf])
+@pytest.mark.parametrize("width", [1, 2, 3, 4])
+def test_a_post_or_a_leg_is_thin(behind_m, width):
+    assert thin(with_something(behind_m, 40, width, 2.0)) == list(range(40, 40 + width))
+
+
+@pytest.mark.parametrize("width", [5, 14, 40])
+def test_a_wide_box_is_not_thin(width):
+    assert thin(with_something(6.0, 40, width, 2.0)) == []
+
+
+def test_two_legs_of_a_person_are_both_thin():
+    ranges = with_something(6.0, 40, 2, 2.0)
+    ranges[44:46] = 2.1
+    assert thin(ranges) == [40, 41, 44, 45]
+
+
+@pytest.mark.parametrize("behind_m", [np.inf, 40.0])
+@pytest.mark.parametrize("last_degrees", [3, 20])
+def test_the_last_point_of_a_wall_is_not_thin(behind_m, last_degrees):
+    """Beside the robot, out to where the laser sees no more of it, or to its end."""
+    degrees = np.arange(90, 0, -1)
+    ranges = np.where(degrees >= last_degrees, 1.0 / np.sin(np.radians(degrees)), behind_m)
+    assert thin(ranges) == []
+    assert thin(ranges[::-1]) == []
+
+
+def test_what_has_something_nearer_beside_it_or_the_end_of_the_scan_is_not_thin():
+    """A piece of wall seen past a door's edge goes on behind it, and so may what the scan ends in."""
+    gap = with_something(2.0, 40, 2, 6.0)
+    assert thin(gap) == []
+    half_hidden = with_something(6.0, 40, 2, 3.0)
+    half_hidden[20:40] = 2.0
+    assert thin(half_hidden) == []
+    assert thin(with_something(6.0, 0, 2, 2.0)) == []
+    assert thin(with_something(6.0, 88, 2, 2.0)) == []
+    lost = with_something(6.0, 40, 2, 2.0)
+    lost[39] = np.nan  # nobody knows what is there
+    assert thin(lost) == []
 
 
 def random_scan(rng, beams=24, far_m=3.0):
@@ -55,8 +168,10 @@ def random_scan(rng, beams=24, far_m=3.0):
     ranges = rng.uniform(0.02, far_m, beams)
     normals = bearings + np.pi + rng.uniform(-1.5, 1.5, beams)
     has_normal = rng.uniform(size=beams) < 0.8
-    points = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings), np.cos(normals), np.sin(normals)))
-    points[~has_normal, 2:] = 0.0
+    points = np.column_stack(
+        (ranges * np.cos(bearings), ranges * np.sin(bearings), np.cos(normals), np.sin(normals), np.zeros(beams))
+    )
+    points[~has_normal, 2:4] = 0.0
     return points
 
 
@@ -82,7 +197,7 @@ def test_surfaces_returns_and_evidence_are_those_of_the_plain_twin(seed, size):
 
 def test_evidence_saturates_and_means_forget():
     grid, origin = SurfaceGrid(SIZE), np.zeros(3)
-    early, late = np.array([[1.001, 0.01, -1.0, 0.0]]), np.array([[1.049, 0.01, -1.0, 0.0]])
+    early, late = np.array([[1.001, 0.01, -1.0, 0.0, 0.0]]), np.array([[1.049, 0.01, -1.0, 0.0, 0.0]])
     for _ in range(300):
         grid.insert(early, origin, np.zeros(3))
     for _ in range(200):
@@ -91,6 +206,26 @@ def test_evidence_saturates_and_means_forget():
     assert found.evidence[0, 20] == 100
     assert min(found.evidence.values()) == -100
     assert found.mean[0, 20][0] == pytest.approx(1.049, abs=1e-3)
+
+
+def test_a_return_without_a_normal_leaves_the_cells_direction_alone():
+    grid = SurfaceGrid(SIZE)
+    with_normal = np.array([[1.01, 0.01, -0.8, 0.6, 0.0]])
+    without = np.array([[1.04, 0.03, 0.0, 0.0, 0.0]])
+    grid.insert(with_normal, np.zeros(3), np.zeros(3))
+    for _ in range(9):
+        grid.insert(without, np.zeros(3), np.zeros(3))
+    # Its place counts all the same.
+    assert Contents(grid).mean[0, 20] == pytest.approx((1.037, 0.028, -0.8, 0.6, 1.0), abs=1e-5)
+
+
+def test_the_first_normal_that_comes_is_the_cells_direction():
+    grid = SurfaceGrid(SIZE)
+    for _ in range(9):
+        grid.insert(np.array([[1.04, 0.03, 0.0, 0.0, 0.0]]), np.zeros(3), np.zeros(3))
+    assert Contents(grid).mean[0, 20] == pytest.approx((1.04, 0.03, 0.0, 0.0, 1.0), abs=1e-5)
+    grid.insert(np.array([[1.04, 0.03, -0.8, 0.6, 0.0]]), np.zeros(3), np.zeros(3))
+    assert Contents(grid).mean[0, 20] == pytest.approx((1.04, 0.03, -0.8, 0.6, 1.0), abs=1e-5)
 
 
 def snapped(points, pose):
@@ -193,10 +328,12 @@ def test_memory_follows_the_area_seen_and_not_the_time():
     assert (int(grid.frame[0]), len(grid.arrays[1])) == (tiles, cells)
 
 
-def test_a_cleared_grid_holds_nothing_and_fills_as_a_new_one():
+@pytest.mark.parametrize("inserted", [12, 13, 14])
+def test_a_cleared_grid_holds_nothing_and_fills_as_a_new_one(inserted):
+    """Whichever third of the beams was to clear next."""
     rng = np.random.default_rng(7)
     grid, new = SurfaceGrid(SIZE), SurfaceGrid(SIZE)
-    for _ in range(12):
+    for _ in range(inserted):
         grid.insert(random_scan(rng, 90, 9.0), np.zeros(3), rng.uniform(-20, 20, 3))
     grid.clear()
     assert Contents(grid).mean == {}
@@ -212,20 +349,22 @@ def test_a_scan_without_returns_changes_nothing():
     grid = SurfaceGrid(SIZE)
     grid.insert(random_scan(np.random.default_rng(8)), np.zeros(3), np.zeros(3))
     before = Contents(grid)
-    grid.insert(np.zeros((0, 4)), np.zeros(3), np.array([100.0, 100.0, 0.0]))
+    grid.insert(np.zeros((0, 5)), np.zeros(3), np.array([100.0, 100.0, 0.0]))
     assert Contents(grid) == before
 
 
 def test_all_of_a_surface_that_went_away_is_withdrawn():
     """A wall of hundreds of cells that a whole scan sees through at once leaves no cell that anything points at."""
     bearings = np.linspace(-np.pi, np.pi, 36000, endpoint=False)
-    ring = np.column_stack((np.cos(bearings), np.sin(bearings), -np.cos(bearings), -np.sin(bearings)))
+    ring = np.column_stack(
+        (np.cos(bearings), np.sin(bearings), -np.cos(bearings), -np.sin(bearings), np.zeros(len(bearings)))
+    )
     grid, pose = SurfaceGrid(SIZE), np.array([0.013, 0.027, 0.0])
-    near = ring[::60] * (4.0, 4.0, 1.0, 1.0)
+    near = ring[::60] * (4.0, 4.0, 1.0, 1.0, 1.0)
     grid.insert(near, np.zeros(3), pose)
     assert len(Contents(grid).mean) > 400
     for _ in range(4):
-        grid.insert(ring * (6.0, 6.0, 1.0, 1.0), np.zeros(3), pose)
+        grid.insert(ring * (6.0, 6.0, 1.0, 1.0, 1.0), np.zeros(3), pose)
     found = Contents(grid)
     radii = [math.hypot(*mean[:2]) for mean in found.mean.values()]
     assert min(radii) > 5.5
@@ -236,7 +375,7 @@ def test_all_of_a_surface_that_went_away_is_withdrawn():
 def test_a_laser_far_from_the_robots_centre_clears_from_where_it_stands():
     grid, plain = SurfaceGrid(0.05), PlainGrid(0.05)
     laser = np.array([-30.123, -29.456, 0.0])
-    points = np.array([[1.0123 + 0.1 * k, 1.0321, -0.7, -0.7] for k in range(9)])
+    points = np.array([[1.0123 + 0.1 * k, 1.0321, -0.7, -0.7, 0.0] for k in range(9)])
     grid.insert(points, laser, np.zeros(3))
     plain.insert(points, laser, np.zeros(3), 0, 3)
     found = Contents(grid)

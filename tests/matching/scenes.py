@@ -31,7 +31,7 @@ class Scene:
             self.grid.insert(self.scan_at(pose, 100 + k), np.zeros(3), pose)
 
     def scan_at(self, pose, seed):
-        """The points (n, 4) that a noisy laser sees from a pose."""
+        """The points (n, 5) that a noisy laser sees from a pose."""
         ranges = cast_rays(self.world.walls, np.array([pose]), LASER.bearings_rad(), LASER.max_range_m)[0]
         ranges = ranges + NOISE_STD_M * np.random.default_rng(seed).standard_normal(len(ranges))
         scans = Scans(ranges.astype(np.float32), np.array([0, len(ranges)]), np.zeros(1, np.int32), (LASER,))

@@ -106,7 +106,7 @@ def test_ties_go_to_the_pose_nearest_the_prior():
     """Along a bare corridor all places score alike."""
     grid = SurfaceGrid(0.05)
     y = np.where(np.arange(400) < 200, 1.0, -1.0)
-    points = np.column_stack((np.tile(np.linspace(-2.0, 2.0, 200), 2), y, np.zeros(400), -y))
+    points = np.column_stack((np.tile(np.linspace(-2.0, 2.0, 200), 2), y, np.zeros(400), -y, np.zeros(400)))
     for shift in np.linspace(-8.0, 8.0, 161):
         grid.insert(points, np.zeros(3), np.array([shift, 0.0, 0.0]))
     field = likelihood_field(grid, 0.1)
@@ -121,7 +121,7 @@ def test_nothing_is_found_without_points_or_far_from_the_grid():
     s = scene(0)
     field = likelihood_field(s.grid, 0.1)
     region = disc(s.here, 1.0, 0.1, 0.0)
-    assert search(field, np.zeros((0, 4)), region, 0.0) is None
+    assert search(field, np.zeros((0, 5)), region, 0.0) is None
     far = s.here + np.array([300.0, -300.0, 0.0])
     assert search(field, s.scan_at(s.here, 4), disc(far, 1.0, 0.1, 0.0), 0.0) is None
     assert search(likelihood_field(SurfaceGrid(0.05), 0.1), s.scan_at(s.here, 4), region, 0.0) is None

@@ -52,6 +52,46 @@ def test_a_step_is_that_of_the_robust_costs_gradient(seed, offset):
     np.testing.assert_allclose(-matrix(raw_match(s.grid, points, start)) @ step, expected, rtol=1e-3, atol=1e-3)
 
 
+def posts(seed=0, count=30):
+    """A grid of posts all around, none of which has a direction, and the scan (count, 5) that it was made from."""
+    rng = np.random.default_rng(seed)
+    bearings = np.linspace(-np.pi, np.pi, count, endpoint=False)
+    ranges = rng.uniform(2.0, 6.0, count)
+    points = np.column_stack(
+        (ranges * np.cos(bearings), ranges * np.sin(bearings), np.zeros((count, 2)), np.ones(count))
+    )
+    grid = SurfaceGrid(SIZE)
+    grid.insert(points, np.zeros(3), np.zeros(3))
+    return grid, points
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 1000), offsets)
+def test_the_normal_matrix_and_the_step_on_posts_are_those_of_their_thin_points_alone(seed, offset):
+    grid, points = posts(seed)
+    points[:, 4] = np.random.default_rng(seed).uniform(size=len(points)) < 0.6
+    start = np.array(offset)
+    pairs = associations(Contents(grid), points, start, SIZE, 0.2)
+    result = raw_match(grid, points, start)
+    np.testing.assert_allclose(matrix(result), normal_matrix(pairs, points, start, 0.1), rtol=1e-4, atol=1e-3)
+    assert result[3] == len(associations(Contents(grid), points, start, SIZE, 0.1))  # whether thin or not
+    step = raw_match(grid, points, start, iterations=1)[:3] - start
+    expected = gradient(lambda p: robust_cost(pairs, points, p, 0.1), start)
+    np.testing.assert_allclose(-matrix(result) @ step, expected, rtol=1e-3, atol=1e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(offsets)
+def test_posts_hold_in_every_direction_and_other_points_without_a_direction_in_none(offset):
+    grid, points = posts()
+    match = SurfaceMatcher(MatchConfig()).match(grid, points, np.array(offset))
+    assert match.pose == pytest.approx(np.zeros(3), abs=2e-3)
+    points[:, 4] = 0.0
+    match = SurfaceMatcher(MatchConfig()).match(grid, points, np.array(offset))
+    assert match.pose == pytest.approx(np.array(offset))
+    assert np.all(match.normal_matrix == 0.0)
+
+
 @settings(max_examples=8, deadline=None)
 @given(scene_seeds, offsets)
 def test_counts_and_sums_are_those_of_the_definition(seed, offset):
@@ -141,7 +181,7 @@ def test_along_a_bare_corridor_the_prior_decides_and_the_covariance_says_so():
     grid = SurfaceGrid(SIZE)
     y = np.where(np.arange(200) < 100, 1.0, -1.0)
     x = np.tile(np.linspace(-4.0, 4.0, 100), 2)
-    points = np.column_stack((x, y, np.zeros(200), -y))
+    points = np.column_stack((x, y, np.zeros(200), -y, np.zeros(200)))
     for shift in np.linspace(-3.0, 3.0, 61):
         grid.insert(points, np.zeros(3), np.array([shift, 0.0, 0.0]))
     expected = np.array([0.3, 0.0, 0.0])
@@ -165,18 +205,18 @@ def test_a_scan_outside_the_grid_stays_where_the_prior_has_it_and_scores_nothing
 
 def test_a_scan_without_returns_stays_where_it_is_believed_to_be():
     s = scene(0)
-    match = SurfaceMatcher(MatchConfig()).match(s.grid, np.zeros((0, 4)), s.here)
+    match = SurfaceMatcher(MatchConfig()).match(s.grid, np.zeros((0, 5)), s.here)
     assert match.score == 0.0
     assert match.pose == pytest.approx(s.here)
-    assert SurfaceMatcher(MatchConfig()).judge(s.grid, np.zeros((0, 4)), s.here) == (0, 0, 0)
+    assert SurfaceMatcher(MatchConfig()).judge(s.grid, np.zeros((0, 5)), s.here) == (0, 0, 0)
 
 
 def test_the_other_side_of_a_wall_is_no_counterpart():
     grid = SurfaceGrid(SIZE)
     x = np.linspace(-2.0, 2.0, 81)
-    seen = np.column_stack((x, np.full(81, 1.0), np.zeros(81), np.full(81, -1.0)))
+    seen = np.column_stack((x, np.full(81, 1.0), np.zeros(81), np.full(81, -1.0), np.zeros(81)))
     grid.insert(seen, np.zeros(3), np.zeros(3))
-    behind = seen * (1.0, 1.0, 1.0, -1.0)
+    behind = seen * (1.0, 1.0, 1.0, -1.0, 1.0)
     assert raw_match(grid, seen, (0.0, 0.05, 0.0))[3] > 70
     assert raw_match(grid, behind, (0.0, 0.05, 0.0))[3] == 0
 
@@ -184,8 +224,8 @@ def test_the_other_side_of_a_wall_is_no_counterpart():
 def test_a_thin_wall_seen_from_both_sides_is_a_counterpart_for_both():
     grid = SurfaceGrid(SIZE)
     x = np.linspace(-2.0, 2.0, 81)
-    seen = np.column_stack((x, np.full(81, 1.01), np.zeros(81), np.full(81, -1.0)))
-    behind = seen * (1.0, 1.0, 1.0, -1.0)
+    seen = np.column_stack((x, np.full(81, 1.01), np.zeros(81), np.full(81, -1.0), np.zeros(81)))
+    behind = seen * (1.0, 1.0, 1.0, -1.0, 1.0)
     for _ in range(3):
         grid.insert(seen, np.zeros(3), np.zeros(3))
         grid.insert(behind, np.array([0.0, 2.0, 0.0]), np.zeros(3))

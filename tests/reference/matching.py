@@ -33,12 +33,18 @@ def associations(contents, points, pose, cell_size_m, gate_m):
 
 
 def residuals(pairs, points, pose):
-    """A vector a pair: the distance along the surface's normal, or in x and y where it has none."""
+    """A vector a pair: the distance along the surface's normal, or in x and y where it has none.
+
+    On a surface without a normal only the points of thin things, posts and legs, have any.
+    """
     there = moved(pose, points)
     result = []
     for k, surface in pairs:
         d, n = there[k, :2] - surface[:2], np.array(surface[2:4])
-        result.append(np.array([d @ n / np.linalg.norm(n)]) if n @ n > COHERENT else d)
+        if n @ n > COHERENT:
+            result.append(np.array([d @ n / np.linalg.norm(n)]))
+        elif points[k, 4]:
+            result.append(d)
     return result
 
 

@@ -8,12 +8,13 @@ MEAN_MEMORY = 40
 RETURN_WEIGHT = 3
 MOST_EVIDENCE = 100
 CLEARANCE_CELLS = 1.5
-GAP_FLOOR_M = 0.03
+MOST_CHORD_M = 5.0
+MOST_THIN_BEAMS = 4
 
 
 def project_scan(ranges, bearings_rad, limits, mounting):
-    """Rows (x, y, normal x, normal y) of the usable readings in the robot's frame."""
-    shortest, longest, gap = limits
+    """Rows (x, y, normal x, normal y, thin) of the usable readings in the robot's frame."""
+    shortest, longest, share, off_line_m = limits
     places = [r * cmath.exp(1j * b) for r, b in zip(ranges, bearings_rad, strict=True)]
     turn = cmath.exp(1j * mounting[2])
     rows = []
@@ -22,17 +23,31 @@ def project_scan(ranges, bearings_rad, limits, mounting):
             continue
         normal = 0j
         if 0 < k < len(ranges) - 1:
-            steps = [abs(ranges[k - 1] - r), abs(ranges[k + 1] - r)]
-            if all(step < gap * r + GAP_FLOOR_M for step in steps):
-                chord = places[k + 1] - places[k - 1]
-                if abs(chord) > 1e-6:
-                    normal = 1j * chord / abs(chord)
-                    if (normal * places[k].conjugate()).real > 0.0:
-                        normal = -normal
+            chord = places[k + 1] - places[k - 1]
+            if 1e-6 < abs(chord) < MOST_CHORD_M:
+                across = 1j * chord / abs(chord)
+                near = all(abs(ranges[j] - r) < share * r + off_line_m for j in (k - 1, k + 1))
+                ordered = ranges[k - 1] < r < ranges[k + 1] or ranges[k - 1] > r > ranges[k + 1]
+                off_line = abs((across * (places[k] - places[k - 1]).conjugate()).real)
+                if near or (ordered and off_line < off_line_m):
+                    normal = -across if (across * places[k].conjugate()).real > 0.0 else across
         place = complex(mounting[0], mounting[1]) + turn * places[k]
         normal *= turn
-        rows.append((place.real, place.imag, normal.real, normal.imag))
+        thin = 1.0 if is_thin(ranges, k, share * r + off_line_m) else 0.0
+        rows.append((place.real, place.imag, normal.real, normal.imag, thin))
     return rows
+
+
+def is_thin(ranges, k, gap_m):
+    """Whether the beams about k that end near where it does are few, and those beside them go farther."""
+    first = last = k
+    while first > 0 and abs(ranges[first - 1] - ranges[k]) < gap_m:
+        first -= 1
+    while last < len(ranges) - 1 and abs(ranges[last + 1] - ranges[k]) < gap_m:
+        last += 1
+    if last - first + 1 > MOST_THIN_BEAMS or first == 0 or last == len(ranges) - 1:
+        return False
+    return all(ranges[beside] > ranges[k] + gap_m for beside in (first - 1, last + 1))
 
 
 class PlainGrid:
@@ -49,8 +64,8 @@ class PlainGrid:
         """One scan; of its beams every ``stride``-th from ``first`` on clears what it passes through."""
         here, turn = complex(pose[0], pose[1]), cmath.exp(1j * pose[2])
         laser = here + turn * complex(laser_origin[0], laser_origin[1])
-        places = [here + turn * complex(x, y) for x, y, _, _ in points]
-        normals = [turn * complex(nx, ny) for _, _, nx, ny in points]
+        places = [here + turn * complex(x, y) for x, y, *_ in points]
+        normals = [turn * complex(nx, ny) for _, _, nx, ny, _ in points]
         for place, normal in list(zip(places, normals, strict=True))[first::stride]:
             for cell in self.passed(laser, place, normal):
                 self.evidence[cell] = max(self.evidence.get(cell, 0) - 1, -MOST_EVIDENCE)
@@ -61,12 +76,16 @@ class PlainGrid:
             cell = self.cell_of(place)
             self.evidence[cell] = min(max(self.evidence.get(cell, 0), 0) + RETURN_WEIGHT, MOST_EVIDENCE)
             self.returns[cell] = min(self.returns.get(cell, 0) + 1, MEAN_MEMORY)
-            old = self.mean.get(cell, (0.0,) * 5)
+            old = self.mean.get(cell, (0.0, 0.0, 0.0, 0.0, 1.0))
+            direction = complex(old[2], old[3])
             # All normals of a cell look to the side that was seen first.
-            side = -1.0 if (normal * complex(old[2], -old[3])).real < 0.0 else 1.0
+            side = -1.0 if (normal * direction.conjugate()).real < 0.0 else 1.0
             new = (place.real, place.imag, side * normal.real, side * normal.imag, side)
             share = 1.0 / self.returns[cell]
-            self.mean[cell] = tuple((1.0 - share) * o + share * n for o, n in zip(old, new, strict=True))
+            # A return without a normal says nothing of the direction, and the first that has one all there is to say.
+            share_of_normal = 0.0 if normal == 0 else share if direction != 0 else 1.0
+            shares = (share, share, *[share_of_normal] * 3)
+            self.mean[cell] = tuple((1.0 - s) * o + s * n for s, o, n in zip(shares, old, new, strict=True))
 
     def passed(self, laser, place, normal):
         """The cells that a beam says are free: one a step, up to 1.5 cells along the normal from its surface."""

@@ -124,7 +124,8 @@ class FrontEnd:
     def _insert(self, k: int, pose: Float) -> None:
         grid = self.config.grid
         step = pose - self._inserted_at
-        if math.hypot(step[0], step[1]) < grid.insert_every_m and abs(step[2]) < grid.insert_every_rad:
+        near = math.hypot(step[0], step[1]) < grid.insert_every_m
+        if near and abs(math.remainder(step[2], math.tau)) < grid.insert_every_rad:
             return
         self._global.grid.insert(self._points.of(k), self._points.laser_origin(k), pose)
         self._inserted_at = pose

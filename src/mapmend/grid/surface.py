@@ -41,6 +41,7 @@ class SurfaceGrid:
         self.table.fill(-1)
         used = int(self.frame[0]) * _kernels.TILE_CELLS
         self.frame[0] = 0
+        self._settings[1] = 0.0
         surface, returns, evidence, nearest = self.arrays
         surface[:used] = 0.0
         returns[:used] = 0
