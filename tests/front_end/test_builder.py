@@ -51,10 +51,6 @@ def test_loops_take_out_the_drift_that_matching_leaves():
     assert np.mean(with_loops) < 0.75 * np.mean(without)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="in building 3's corridor, normals' noise passes for a hold along it: edges are 27 cm off and claim 2 cm",
-)
 def test_no_loop_edge_joins_places_that_are_apart():
     """Every edge is off the truth by what its local grid may be bent by, no more."""
     for building in (1, 2, 3):

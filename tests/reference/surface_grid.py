@@ -2,6 +2,7 @@
 
 import cmath
 import math
+import statistics
 
 REACH = 4
 MEAN_MEMORY = 40
@@ -28,6 +29,10 @@ def project_scan(ranges, bearings_rad, limits, mounting):
                 across = 1j * chord / abs(chord)
                 near = all(abs(ranges[j] - r) < share * r + off_line_m for j in (k - 1, k + 1))
                 ordered = ranges[k - 1] < r < ranges[k + 1] or ranges[k - 1] > r > ranges[k + 1]
+                if ordered:
+                    # Where a straight line crosses the middle beam, the inverse ranges being even over even angles.
+                    straight = 1.0 / statistics.fmean((1.0 / ranges[k - 1], 1.0 / ranges[k + 1]))
+                    ordered = abs(straight - r) < share * r + off_line_m
                 off_line = abs((across * (places[k] - places[k - 1]).conjugate()).real)
                 if near or (ordered and off_line < off_line_m):
                     normal = -across if (across * places[k].conjugate()).real > 0.0 else across

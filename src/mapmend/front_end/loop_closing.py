@@ -140,7 +140,7 @@ class LoopSearch:
         matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
         agrees = matched >= loops.min_agreement * (matched + contradicted)
         if match.score >= loops.min_score and agrees and moved < 1.5:
-            return self._edge(candidate, match)
+            return self._edge(candidate, match) if self._is_observed(match) else None
         return None if agrees and moved < 1.5 else self._searched(candidate, covariance)
 
     def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
@@ -243,8 +243,12 @@ class LoopSearch:
         seen = matched + contradicted
         if seen < loops.min_overlap * len(points) or matched < loops.min_agreement * seen:
             return False
+        return self._is_observed(match)
+
+    def _is_observed(self, match: Match) -> bool:
+        """Whether the surfaces hold the match in every direction: along a bare corridor only noisy normals do."""
         weakest = float(np.linalg.eigvalsh(match.normal_matrix[:2, :2])[0])
-        return weakest >= loops.min_observability * match.matched
+        return weakest >= self._config.loops.min_observability * match.matched
 
     def _recent_points(self) -> Float:
         """The points of the nodes of the last T_l metres, thinned, in the frame of the newest node."""

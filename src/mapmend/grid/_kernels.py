@@ -65,7 +65,8 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
             length = math.sqrt(tx * tx + ty * ty)
             if 1e-6 < length < MOST_CHORD_M:
                 near = abs(before - r) < gap and abs(after - r) < gap
-                between = (before - r) * (after - r) < 0.0
+                # On a straight wall the inverse ranges rise evenly: a jamb, and what lies behind it, do not.
+                between = (before - r) * (after - r) < 0.0 and abs(2.0 * before * after / (before + after) - r) < gap
                 if near or (between and abs(tx * (y - by) - ty * (x - bx)) < limits[3] * length):
                     nx, ny = -ty / length, tx / length
                     if nx * x + ny * y > 0.0:
