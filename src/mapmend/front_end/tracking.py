@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,7 +49,19 @@ class Tracker:
         if searched:
             match = self._searched(grid, points, before, motion, match)
         self._usual_score += USUAL_SHARE * (match.score - self._usual_score)
-        return Tracked(match, searched)
+        return Tracked(self._tempered(match, predicted), searched)
+
+    def _tempered(self, match: Match, predicted: Float) -> Match:
+        """A poor match, drawn towards the odometry as far as IGO (2) says.
+
+        Its covariance is mostly the share of Sigma_odo that (2) adds; weighed against Sigma_odo itself, the two meet at
+        share / (1 + share) of the way. Among leaves, this keeps the heading from wandering with every gust.
+        """
+        least = self._config.match.min_score
+        share = max(least - match.score, 0.0) / least
+        if share == 0.0:
+            return match
+        return replace(match, pose=se2.interpolate(match.pose, predicted, share / (1.0 + share)))
 
     def _searched(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float, first: Match) -> Match:
         """Aligns hypotheses drawn from the odometry model, and takes the best if that ends the doubt."""
