@@ -87,7 +87,8 @@ def test_the_true_pose_is_found_from_metres_away(seed, offset, scan_seed):
     assert found is not None
     away_m, turned_rad = errors(found[0], s.here)
     assert away_m < 0.12
-    assert turned_rad < 0.02
+    # Two of the search's steps of 0.01 rad, and no rounding error on top to trip over.
+    assert turned_rad < 0.0201
 
 
 def test_guesses_along_a_line_reach_a_pose_that_none_of_their_discs_alone_would():
