@@ -47,7 +47,10 @@ class Tracker:
         match = self._matcher.match(grid, points, predicted, prior)
         searched = self._is_doubtful(match, len(points))
         if searched:
-            match = self._searched(grid, points, before, motion, match)
+            hypotheses = self._hypotheses(before, predicted, odometry_covariance(motion, self._config.motion))
+            best = self._best_of(grid, points, hypotheses, prior, match)
+            # A search that does not end the doubt changes nothing.
+            match = match if self._is_doubtful(best, len(points)) else best
         self._usual_score += USUAL_SHARE * (match.score - self._usual_score)
         return Tracked(self._tempered(match, predicted), searched)
 
@@ -62,15 +65,6 @@ class Tracker:
         if share == 0.0:
             return match
         return replace(match, pose=se2.interpolate(match.pose, predicted, share / (1.0 + share)))
-
-    def _searched(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float, first: Match) -> Match:
-        """Aligns hypotheses drawn from the odometry model, and takes the best if that ends the doubt."""
-        predicted = se2.compose(before, motion)
-        covariance = odometry_covariance(motion, self._config.motion)
-        hypotheses = self._hypotheses(before, predicted, covariance)
-        prior = round_prior(predicted, *odometry_std(motion, self._config.motion))
-        best = self._best_of(grid, points, hypotheses, prior, first)
-        return first if self._is_doubtful(best, len(points)) else best
 
     def _is_doubtful(self, match: Match, points: int) -> bool:
         """Whether fewer beams match than should, and than did so far: among leaves, few ever do."""
