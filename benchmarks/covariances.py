@@ -75,8 +75,12 @@ class Drive:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="drives a world (default: 5)")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="seed of the first drive (default: 0)")
     options = parser.parse_args()
-    drives = {name: [drive(world(seed), seed) for seed in range(options.seeds)] for name, world in WORLDS.items()}
+    drives = {
+        name: [drive(world(seed), seed) for seed in range(options.first, options.first + options.seeds)]
+        for name, world in WORLDS.items()
+    }
     rows = []
     for name in WORLDS:
         rows += table_rows(name, drives[name])
@@ -94,11 +98,12 @@ def drive(world: World, seed: int) -> Drive:
     true_edges = se2.between(truth[graph.edges[:, 0]], truth[graph.edges[:, 1]])
     errors = pose_errors(graph.measurements, true_edges)
     covariances = np.asarray(np.linalg.inv(graph.information))
-    loop = graph.is_loop
+    loop, neighbours = graph.is_loop, np.arange(len(graph.edges)) < len(graph) - 1
     optimized = optimize(graph)
     # Node 0 is fixed at the truth.
     nodes = Errors(pose_errors(optimized.poses, truth)[1:], marginals(optimized.factorization)[1:])
-    return Drive(Errors(errors[~loop], covariances[~loop]), Errors(errors[loop], covariances[loop]), nodes)
+    odometry = Errors(errors[neighbours], covariances[neighbours])
+    return Drive(odometry, Errors(errors[loop], covariances[loop]), nodes)
 
 
 def table_rows(name: str, drives: list[Drive]) -> list[tuple[str, ...]]:

@@ -144,8 +144,8 @@ def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progres
         motion = se2.between(poses[state.node_scan[state.last]], pose) if k else np.zeros(3)
         far = math.hypot(motion[0], motion[1]) >= rows.node_every_m or abs(motion[2]) >= rows.node_every_rad
         if k == 0 or far:
-            information = np.asarray(np.linalg.inv(odometry_covariance(motion, config.motion)), dtype=np.float64)
-            state.add_node(k, pose, information)
+            covariance = odometry_covariance(motion, config.motion)
+            state.add_node(k, pose, covariance, covariance)
         else:
             state.hang_scan(k, state.last, pose)
     progress("match", len(log), len(log))
@@ -192,12 +192,13 @@ def stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
 
 
 def _counts(log: ScanLog, built: Built) -> dict[str, int]:
-    loops = int(np.count_nonzero(built.graph.is_loop))
+    loops, odometry = int(np.count_nonzero(built.graph.is_loop)), len(built.graph) - 1
     return {
         "scans": len(log),
         "nodes": len(built.graph),
         "key_nodes": len(built.key_nodes),
-        "odometry_edges": len(built.graph.edges) - loops,
+        "odometry_edges": odometry,
+        "stretch_edges": len(built.graph.edges) - odometry - loops,
         "loop_edges": loops,
         "scans_searched": built.searched,
         "optimizations": built.optimizations,
@@ -209,6 +210,6 @@ def _chi2(graph: PoseGraph) -> tuple[float, float]:
     from mapmend.graph.optimizer import edge_chi2
 
     laid = graph.poses.copy()
-    for (i, j), step in zip(graph.edges[~graph.is_loop], graph.measurements[~graph.is_loop], strict=True):
-        laid[j] = se2.compose(laid[i], step)
+    for j, step in enumerate(graph.measurements[: len(graph) - 1], 1):
+        laid[j] = se2.compose(laid[j - 1], step)
     return float(edge_chi2(graph.with_poses(laid)).sum()), float(edge_chi2(graph).sum())

@@ -28,7 +28,7 @@ def along_a_line(steps_m, config=CONFIG):
     opened, x = [], 0.0
     for k, step in enumerate([0.0, *steps_m]):
         x += step
-        state.add_node(k, np.array([x, 0.0, 0.0]), np.eye(3))
+        state.add_node(k, np.array([x, 0.0, 0.0]), np.eye(3), np.eye(3))
         if key_nodes.add_node(k):
             opened.append(k)
     return state, key_nodes, opened
@@ -128,7 +128,7 @@ def driven():
         replace(CONFIG, key_nodes=replace(CONFIG.key_nodes, trajectory_length_m=2.0)),
     )
     for scan in range(0, len(log), 2):
-        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3)))
+        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3), np.eye(3)))
     return state, key_nodes
 
 
@@ -150,10 +150,10 @@ def test_a_local_grid_is_built_anew_when_its_key_node_has_grown():
     state = GraphState(simulation.log)
     key_nodes = KeyNodes(state, ScanPoints(simulation.log.scans, CONFIG.scan), CONFIG)
     for scan in range(0, 20, 2):
-        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3)))
+        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3), np.eye(3)))
     half = key_nodes.local_grid(0)
     for scan in range(20, 30, 2):
-        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3)))
+        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3), np.eye(3)))
     assert key_nodes.last == 0
     assert len(half.poses) == 10
     assert len(key_nodes.local_grid(0).poses) == 15

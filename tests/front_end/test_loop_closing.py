@@ -22,7 +22,7 @@ def search_on(poses):
     points = ScanPoints(log.scans, CONFIG.scan)
     key_nodes = KeyNodes(state, points, CONFIG)
     for k, pose in enumerate(poses):
-        key_nodes.add_node(state.add_node(k, np.array(pose, dtype=float), np.eye(3) * 1e6))
+        key_nodes.add_node(state.add_node(k, np.array(pose, dtype=float), np.eye(3) * 1e-6, np.eye(3) * 1e-6))
     return LoopSearch(state, key_nodes, points, SurfaceMatcher(CONFIG.match), CONFIG), state, key_nodes
 
 

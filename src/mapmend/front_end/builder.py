@@ -26,6 +26,9 @@ STILL_RAD = 0.007
 # A loop edge to a known key-node that disagrees by more calls for an optimization.
 STRAIN_M = 0.06
 STRAIN_RAD = 0.02
+# How much of an edge's covariance is the grid's own error, which grows from node to node and does not cancel: as
+# measured against the truth (benchmarks/covariances.py).
+GRID_DRIFT = 0.06
 
 
 class FrontEnd:
@@ -96,30 +99,34 @@ class FrontEnd:
 
     def _open_node(self, k: int, pose: Float, match: Match | None) -> None:
         """Adds the node and its odometry edge with the covariance of IGO (2)."""
-        information = np.eye(3) if match is None else self._edge_information(match)
-        node = self.state.add_node(k, pose, information)
+        covariance, drift = (np.zeros((3, 3)),) * 2 if match is None else self._edge_covariance(match)
+        node = self.state.add_node(k, pose, covariance, drift)
         self._motion_since_node = np.zeros(3)
         if self.key_nodes.add_node(node):
             self._global.refresh()
         if match is None:
             self._insert(k, pose)
 
-    def _edge_information(self, match: Match) -> Float:
-        """The inverse of IGO (2): Sigma_obs where the score is good, more and more of Sigma_odo where it is not.
+    def _edge_covariance(self, match: Match) -> tuple[Float, Float]:
+        """IGO (2), and its drift: Sigma_obs where the score is good, more and more of Sigma_odo where it is not.
 
         Both ends of the edge were matched on the grid, each with its own noise. The odometry was the prior of every
         match: Sigma_obs is that of both together, and along a corridor, where the beams say nothing, the odometry's.
+        What the odometry contributes adds up along the trajectory; of what the matches do, only the grid's own share.
         """
         odometry = odometry_covariance(self._motion_since_node, self.config.motion)
         observed = match.covariance()
         carry = se2.adjoint(se2.inverse(self._motion_since_node))
         both = observed + carry @ self._covariance_at_node @ carry.T
         self._covariance_at_node = observed
-        edge = se2.invert_symmetric(se2.invert_symmetric(both) + se2.invert_symmetric(odometry))
+        told_by_matches = se2.invert_symmetric(both)
+        edge = se2.invert_symmetric(told_by_matches + se2.invert_symmetric(odometry))
+        drift = edge - (1.0 - GRID_DRIFT) * (edge @ told_by_matches @ edge)
         least = self.config.match.min_score
         if match.score < least:
             edge = edge + (least - match.score) / least * odometry
-        return se2.invert_symmetric(edge)
+            drift = drift + (least - match.score) / least * odometry
+        return edge, drift
 
     def _insert(self, k: int, pose: Float) -> None:
         grid = self.config.grid

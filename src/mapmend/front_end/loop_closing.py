@@ -185,14 +185,14 @@ class LoopSearch:
         state, solved = self._state, self.solved
         node = candidate.nearest
         if solved is None or node >= len(solved.poses):
-            covariance = state.chain_covariance(node, state.last)
+            covariance = state.covariance_between(node, state.last)
         else:
             newest = len(solved.poses) - 1
             first = relative_covariances(
                 solved.factorization, solved.poses, solved.covariances, newest, np.array([node])
             )[0]
             T_newest_last = se2.between(state.node_pose[newest], state.node_pose[state.last])
-            covariance = se2.compose_covariance(first, T_newest_last, state.chain_covariance(newest, state.last))
+            covariance = se2.compose_covariance(first, T_newest_last, state.covariance_between(newest, state.last))
         guard_m, guard_rad = self._drift(node)
         return np.asarray(covariance + np.diag([guard_m**2, guard_m**2, guard_rad**2]))
 
@@ -281,6 +281,6 @@ class LoopSearch:
         way = 0.5 * self._config.key_nodes.trajectory_length_m
         path = state.node_path_m[: state.count]
         end = min(int(np.searchsorted(path, path[candidate.nearest] + way)), state.last)
-        chain = state.chain_covariance(candidate.nearest, end)
+        chain = state.covariance_between(candidate.nearest, end)
         carry = se2.adjoint(se2.between(T_anchor_node, se2.between(*state.node_pose[[candidate.nearest, end]])))
         return np.asarray(carry @ chain @ carry.T)

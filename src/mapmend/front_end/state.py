@@ -13,6 +13,13 @@ from mapmend.scan import ScanLog
 
 Float = NDArray[np.float64]
 
+# Nodes of the shortest stretches; of the next, twice as many, and so on.
+SHORTEST_STRETCH = 8
+# A stretch less sure than this of its parts' covariance, by determinants, has something to add.
+WORTH_ADDING = 0.5
+# Information must be positive also along a bare corridor, where the chain of edges lacks none.
+LEAST_SHARE = 1e-3
+
 
 @dataclass(frozen=True)
 class LoopEdge:
@@ -24,12 +31,28 @@ class LoopEdge:
     information: Float
 
 
+@dataclass(frozen=True)
+class StretchEdge:
+    """What the odometry edges from node ``first`` to ``last`` measured, with the ``information`` that they lack."""
+
+    first: int
+    last: int
+    T_first_last: Float
+    information: Float
+
+
 class GraphState:
     """Nodes in the order of the trajectory, odometry edges between neighbours, loop edges, and the scans on them.
 
     ``node_pose`` (n, 3), ``node_scan`` (n,), ``node_path_m`` (n,) trajectory length up to the node; row j of
-    ``odometry_edge`` / ``odometry_information`` belongs to the edge from node j - 1 to j. ``scan_node`` names the node
+    ``odometry_edge`` / ``odometry_covariance`` belongs to the edge from node j - 1 to j. ``scan_node`` names the node
     that a scan hangs on by ``T_node_scan``.
+
+    The errors of neighbouring odometry edges cancel: that of the match of the node between them enters both, with
+    opposite signs. Along a stretch of trajectory only the errors of its two ends are left, and ``odometry_drift``
+    (n, 3, 3), the part of each edge's covariance that adds up. A chain of independent edges counts every node's error
+    twice instead, and covariances over 20 m come out wider by ten. *Stretch edges* tell the graph: they join nodes 8,
+    16, 32 ... apart, measure what the edges between them measure, and have the information that these lack.
     """
 
     def __init__(self, log: ScanLog) -> None:
@@ -40,9 +63,12 @@ class GraphState:
         self.node_scan = np.zeros(n, dtype=np.int64)
         self.node_path_m = np.zeros(n)
         self.odometry_edge = np.zeros((n, 3))
-        self.odometry_information = np.zeros((n, 3, 3))
+        self.odometry_covariance = np.zeros((n, 3, 3))
+        self.odometry_drift = np.zeros((n, 3, 3))
+        self._laid = np.zeros((n, 3))  # the odometry edges one after the other
         self.scan_node = np.zeros(n, dtype=np.int64)
         self.T_node_scan = np.zeros((n, 3))
+        self.stretches: list[StretchEdge] = []
         self.loops: list[LoopEdge] = []
 
     @property
@@ -50,17 +76,20 @@ class GraphState:
         """The newest node."""
         return self.count - 1
 
-    def add_node(self, scan: int, pose: Float, information: Float) -> int:
-        """Appends a node at ``pose`` (3,), held to the one before it with ``information`` (3, 3)."""
+    def add_node(self, scan: int, pose: Float, covariance: Float, drift: Float) -> int:
+        """Appends a node at ``pose`` (3,), held to the one before it with ``covariance`` (3, 3), of which ``drift``."""
         j = self.count
         self.node_pose[j] = pose
         self.node_scan[j] = scan
+        self.count = j + 1
         if j:
             edge = se2.between(self.node_pose[j - 1], pose)
             self.odometry_edge[j] = edge
-            self.odometry_information[j] = information
+            self.odometry_covariance[j] = covariance
+            self.odometry_drift[j] = drift
+            self._laid[j] = se2.compose(self._laid[j - 1], edge)
             self.node_path_m[j] = self.node_path_m[j - 1] + float(np.hypot(edge[0], edge[1]))
-        self.count = j + 1
+            self._add_stretches(j)
         self.hang_scan(scan, j, pose)
         return j
 
@@ -71,31 +100,62 @@ class GraphState:
         self.T_node_scan[scan] = step
         return step
 
-    def chain_covariance(self, first: int, last: int) -> Float:
-        """The covariance of ``T_first_last`` along the odometry edges, in the frame of ``last``: IGO eq. (6)."""
+    def covariance_between(self, first: int, last: int) -> Float:
+        """The covariance of ``T_first_last`` along the odometry edges, in the frame of ``last``: IGO eq. (6).
+
+        The drift of every edge, and the rest of the first and the last, half of which is each end's own.
+        """
         if last <= first:
             return np.zeros((3, 3))
         rows = np.arange(first + 1, last + 1)
-        carry = se2.adjoint(se2.between(self.node_pose[last], self.node_pose[rows]))
-        covariance = np.linalg.inv(self.odometry_information[rows])
-        return np.asarray((carry @ covariance @ np.swapaxes(carry, -1, -2)).sum(axis=0))
+        own = self.odometry_covariance[rows[[0, -1]]] - self.odometry_drift[rows[[0, -1]]]
+        carry = self._carry(rows, last)
+        drift = _carried(carry, self.odometry_drift[rows]).sum(axis=0)
+        return np.asarray(drift + 0.5 * (_carried(carry[0], own[0]) + own[1]))
+
+    def _carry(self, nodes: NDArray[np.int64], last: int) -> Float:
+        """The matrices that carry a motion of each of the nodes into the frame of ``last``."""
+        return se2.adjoint(se2.between(self.node_pose[last], self.node_pose[nodes]))
+
+    def _add_stretches(self, last: int) -> None:
+        """The stretch edges that end at the newest node."""
+        span = SHORTEST_STRETCH
+        while last % span == 0:
+            first = last - span
+            covariance = self.covariance_between(first, last)
+            parts = self._covariance_of_parts(first, last)
+            if np.linalg.det(covariance) < WORTH_ADDING * np.linalg.det(parts):
+                lacking = se2.invert_symmetric(covariance) - (1.0 - LEAST_SHARE) * se2.invert_symmetric(parts)
+                measured = se2.between(self._laid[first], self._laid[last])
+                self.stretches.append(StretchEdge(first, last, measured, lacking))
+            span *= 2
+
+    def _covariance_of_parts(self, first: int, last: int) -> Float:
+        """What a stretch's covariance is to a graph that knows its parts alone: its halves, or its odometry edges."""
+        if last - first > SHORTEST_STRETCH:
+            middle = (first + last) // 2
+            carry = self._carry(np.array([middle]), last)[0]
+            return _carried(carry, self.covariance_between(first, middle)) + self.covariance_between(middle, last)
+        rows = np.arange(first + 1, last + 1)
+        return np.asarray(_carried(self._carry(rows, last), self.odometry_covariance[rows]).sum(axis=0))
 
     def pose_graph(self, with_scans: bool = False) -> PoseGraph:
-        """The graph of all nodes and edges, odometry first; the scans with it where asked for."""
+        """The graph of all nodes and edges: odometry, stretches, loops; the scans with it where asked for."""
         n, chain = self.count, np.arange(1, self.count)
-        loops = np.array([(e.anchor, e.node) for e in self.loops], dtype=np.int64).reshape(-1, 2)
-        rows = self.node_scan[:n]
+        stretches, loops, rows = self.stretches, self.loops, self.node_scan[:n]
+        joined = [(e.first, e.last) for e in stretches] + [(e.anchor, e.node) for e in loops]
+        measured = [e.T_first_last for e in stretches] + [e.T_anchor_node for e in loops]
+        information = [e.information for e in stretches] + [e.information for e in loops]
+        own = np.linalg.inv(self.odometry_covariance[1:n])
         return PoseGraph(
             poses=self.node_pose[:n].copy(),
             ids=np.arange(n, dtype=np.int64),
-            edges=np.concatenate((np.stack((chain - 1, chain), axis=1), loops)),
-            measurements=np.concatenate(
-                (self.odometry_edge[1:n], np.array([e.T_anchor_node for e in self.loops]).reshape(-1, 3))
+            edges=np.concatenate(
+                (np.stack((chain - 1, chain), axis=1), np.array(joined, dtype=np.int64).reshape(-1, 2))
             ),
-            information=np.concatenate(
-                (self.odometry_information[1:n], np.array([e.information for e in self.loops]).reshape(-1, 3, 3))
-            ),
-            is_loop=np.concatenate((np.zeros(len(chain), dtype=np.bool_), np.ones(len(loops), dtype=np.bool_))),
+            measurements=np.concatenate((self.odometry_edge[1:n], np.array(measured).reshape(-1, 3))),
+            information=np.concatenate((0.5 * (own + own.swapaxes(1, 2)), np.array(information).reshape(-1, 3, 3))),
+            is_loop=np.arange(len(chain) + len(joined)) >= len(chain) + len(stretches),
             scans=self.log.scans.select(rows) if with_scans else None,
             stamps_s=self.log.stamps_s[rows],
         )
@@ -120,3 +180,8 @@ class GraphState:
         T_scan_next = se2.between(behind, step)
         carried = np.einsum("nij,nj->ni", se2.adjoint(T_scan_next), change)
         return se2.compose(behind, share[:, None] * carried)
+
+
+def _carried(carry: Float, covariance: Float) -> Float:
+    """``A S A^T``, shapes (..., 3, 3)."""
+    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
