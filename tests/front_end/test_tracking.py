@@ -54,6 +54,25 @@ def test_in_a_place_never_seen_the_prediction_stays():
     assert tracked.match.pose == pytest.approx(se2.compose(before, motion))
 
 
+def test_a_poor_match_follows_odometry_that_good_matches_have_confirmed():
+    """The same poor match, after scans for which the odometry was right and where it slipped."""
+    s = scene(0)
+    points = s.scan_at(s.here, 6)
+    astray = np.concatenate((points, points[::2] * (0.55, 0.55, 1.0, 1.0, 1.0)))  # every third beam hits a passer-by
+    motion = np.array([0.2, 0.0, 0.0])
+    before = se2.compose(s.here, se2.inverse(motion))
+    wrong = se2.compose(before, (0.0, 0.0, 0.01))
+    drawn = []
+    for slip_rad in (0.0, 0.05):
+        follower = tracker()
+        for _ in range(400):
+            follower.track(s.grid, points, se2.compose(before, (0.0, 0.0, slip_rad)), motion)
+        pose = follower.track(s.grid, astray, wrong, motion).match.pose
+        drawn.append(abs(float(se2.between(s.here, pose)[2])) / 0.01)
+    assert drawn[0] > 0.5
+    assert drawn[1] < 0.5 * drawn[0]
+
+
 def test_one_seed_gives_the_same_bytes():
     s, results = scene(3), []
     for _ in range(2):

@@ -21,6 +21,10 @@ FEWEST_POINTS = 20
 # A score this far below the usual one is a drop; a scan's share of the usual score makes it follow some twenty scans.
 DROP = 0.1
 USUAL_SHARE = 0.05
+# How fast the median of what odometry and good matches differ by follows: by a factor of e in a hundred scans.
+MEDIAN_SHARE = 0.01
+# The standard deviation of a normal distribution over the median of its absolute values.
+STD_PER_MEDIAN = 1.4826
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class Tracker:
         self._matcher = matcher
         self._config = config
         self._usual_score = 1.0
+        # What good matches moved the odometry's poses by, over the model's standard deviations: translation, rotation.
+        self._usual_step = np.full(2, 1.0 / STD_PER_MEDIAN)
         self._random = np.random.default_rng(config.seed)
 
     def track(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float) -> Tracked:
@@ -52,19 +58,33 @@ class Tracker:
             # A search that does not end the doubt changes nothing.
             match = match if self._is_doubtful(best, len(points)) else best
         self._usual_score += USUAL_SHARE * (match.score - self._usual_score)
+        self._learn(match, prior)
         return Tracked(self._tempered(match, predicted), searched)
+
+    def _learn(self, match: Match, prior: Float) -> None:
+        """Follows how far the odometry is off where matches are good: the median, which slipping wheels leave alone."""
+        if match.score < self._config.match.min_score:
+            return
+        step = se2.between(prior[3], match.pose)
+        off = (math.hypot(step[0], step[1]) * math.sqrt(prior[0, 0]), abs(step[2]) * math.sqrt(prior[2, 2]))
+        for axis in range(2):
+            self._usual_step[axis] *= math.exp(MEDIAN_SHARE if off[axis] > self._usual_step[axis] else -MEDIAN_SHARE)
 
     def _tempered(self, match: Match, predicted: Float) -> Match:
         """A poor match, drawn towards the odometry as far as IGO (2) says.
 
-        Its covariance is mostly the share of Sigma_odo that (2) adds; weighed against Sigma_odo itself, the two meet at
-        share / (1 + share) of the way. Among leaves, this keeps the heading from wandering with every gust.
+        Its variance is mostly the share of Sigma_odo that (2) adds. The odometry's own is what the log has shown so
+        far, at most that of the model. Among leaves, this keeps the heading from wandering with every gust.
         """
         least = self._config.match.min_score
-        share = max(least - match.score, 0.0) / least
-        if share == 0.0:
+        poor = max(least - match.score, 0.0) / least
+        if poor == 0.0:
             return match
-        return replace(match, pose=se2.interpolate(match.pose, predicted, share / (1.0 + share)))
+        known = np.minimum(STD_PER_MEDIAN * self._usual_step, 1.0) ** 2
+        share = poor / (poor + known)
+        step = predicted - match.pose
+        pose = match.pose + share[[0, 0, 1]] * np.array([step[0], step[1], math.remainder(step[2], math.tau)])
+        return replace(match, pose=pose)
 
     def _is_doubtful(self, match: Match, points: int) -> bool:
         """Whether fewer beams match than should, and than did so far: among leaves, few ever do."""
