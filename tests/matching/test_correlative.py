@@ -91,6 +91,22 @@ def test_the_true_pose_is_found_from_metres_away(seed, offset, scan_seed):
     assert turned_rad < 0.0201
 
 
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 5), st.tuples(st.floats(-18.0, 18.0), st.floats(-18.0, 18.0)), st.integers(0, 9))
+def test_a_wide_search_by_coarse_blocks_finds_no_less_than_a_near_one(seed, offset, scan_seed):
+    """From up to 25 m away, beyond what is searched by small blocks; the tie weight leaves the score to decide."""
+    s = scene(seed)
+    field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, scan_seed)
+    size = field.cell_size_m
+    away = np.rint(np.array(offset) / size) * size
+    near = search(field, points, disc(s.here, 0.5, 0.05, 0.0), 0.3)
+    wide = search(field, points, disc(s.here + np.array([*away, 0.0]), 26.0, 0.05, 0.0), 0.3)
+    assert near is not None
+    assert wide is not None
+    assert wide[1] >= near[1] - 1e-12
+    assert errors(wide[0], s.here)[0] < 0.12
+
+
 def test_guesses_along_a_line_reach_a_pose_that_none_of_their_discs_alone_would():
     s = scene(2)
     field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, 3)

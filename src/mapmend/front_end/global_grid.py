@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapmend.config import Config
 from mapmend.front_end.key_nodes import KeyNodes
-from mapmend.front_end.state import GraphState
+from mapmend.front_end.state import Float, GraphState
 from mapmend.grid.surface import SurfaceGrid
 
 CROWD = 1
@@ -57,24 +57,24 @@ class GlobalGrid:
     def _insert(self, k: int) -> None:
         row = self._key_nodes.rows[k]
         nodes = np.arange(row.first, row.end)
-        self._key_nodes.insert_nodes(self.grid, nodes[self._has_room(nodes)], ORIGIN)
+        room = representatives(self._state.node_pose[nodes], self._crowd)
+        self._key_nodes.insert_nodes(self.grid, nodes[room], ORIGIN)
         self._contents.add(k)
-
-    def _has_room(self, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which nodes show something new: at most ``CROWD`` from one spot in one direction, however often passed.
-
-        So the cost of building the grid follows the area around the robot, not the length of the log.
-        """
-        poses = self._state.node_pose[nodes]
-        spots = np.floor(poses / (SPOT_M, SPOT_M, SPOT_RAD)).astype(np.int64)
-        room = np.zeros(len(nodes), dtype=np.bool_)
-        for row, spot in enumerate(map(tuple, spots.tolist())):
-            self._crowd[spot] = self._crowd.get(spot, 0) + 1
-            room[row] = self._crowd[spot] <= CROWD
-        return room
 
     def _is_near(self, k: int) -> bool:
         row = self._key_nodes.rows[k]
         here = self._state.node_pose[self._state.last]
         poses = self._state.node_pose[row.first : row.end]
         return bool((np.hypot(poses[:, 0] - here[0], poses[:, 1] - here[1]) < self._config.key_nodes.near_m).any())
+
+
+def representatives(poses: Float, crowd: dict[tuple[int, ...], int]) -> NDArray[np.bool_]:
+    """Which of ``poses`` (n, 3) show something new: at most ``CROWD`` from a spot in one direction.
+
+    So the cost of building a grid follows the area, not the length of the log. ``crowd`` counts spots, and is written.
+    """
+    room = np.zeros(len(poses), dtype=np.bool_)
+    for row, spot in enumerate(map(tuple, np.floor(poses / (SPOT_M, SPOT_M, SPOT_RAD)).astype(np.int64).tolist())):
+        crowd[spot] = crowd.get(spot, 0) + 1
+        room[row] = crowd[spot] <= CROWD
+    return room

@@ -10,15 +10,13 @@ from scipy.special import chdtri
 from mapmend.config import Config
 from mapmend.front_end.key_nodes import KeyNodes
 from mapmend.front_end.points import ScanPoints
+from mapmend.front_end.relocation import MOST_DRIFT, MOST_TURN_RAD, Relocation, recent_points
 from mapmend.front_end.state import Float, GraphState, LoopEdge
 from mapmend.geometry import se2
 from mapmend.graph.marginals import marginals, relative_covariances
 from mapmend.graph.system import Factorization
 from mapmend.matching.correlative import Region, search
 from mapmend.matching.gauss_newton import Match, SurfaceMatcher, prior_at
-
-# Searches reach no farther than so many T_l: beyond it their cost grows and the chance of a look-alike with it.
-MOST_DRIFT = 2.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,7 @@ class LoopSearch:
         self.attempts = 0
         self._partner = -1
         self._awaiting: LoopEdge | None = None
+        self._relocation = Relocation(state, key_nodes, points, matcher, config)
 
     def find(self) -> list[LoopEdge]:
         """The verified loop edges of the newest node: at most one to a known and one to an unlinked key-node."""
@@ -68,9 +67,42 @@ class LoopSearch:
         for candidate in [c for c in candidates if c.key_node not in known]:
             edge = self._match_uncertain(candidate)
             if edge is not None:
-                edges += self._confirmed(edge)
-                break
-        return [edge for edge in edges if edge is not None]
+                return [edge for edge in [*edges, *self._confirmed(edge)] if edge is not None]
+        return [edge for edge in [*edges, *self._relocated()] if edge is not None]
+
+    def _relocated(self) -> list[LoopEdge]:
+        """A loop beyond the reach of the search about the believed pose: where the old map says, or a first loop."""
+        state = self._state
+        here = self._awaited_pose()
+        if here is None:
+            here = self._relocation.find()
+        if here is None:
+            return []
+        old = int(np.searchsorted(state.node_path_m[: state.count], self._oldest_m()))
+        nearest = int(np.argmin(np.hypot(*(state.node_pose[:old, :2] - here[:2]).T)))
+        candidate = Candidate(int(self._key_nodes.of_node[nearest]), nearest)
+        # The stretch that was found and not the newest scan: on the way back, a robot may face what it never saw.
+        points = self._recent_points()
+        predicted = self._seen_from(candidate.key_node, here)
+        prior = prior_at(predicted, self._certain())
+        match = self._matcher.match(self._key_nodes.local_grid(candidate.key_node).grid, points, predicted, prior)
+        return self._confirmed(self._edge(candidate, match)) if self._is_verified(candidate, match, points) else []
+
+    def _awaited_pose(self) -> Float | None:
+        """Where the newest node is if the loop edge that waits for a second one is right."""
+        first, state = self._awaiting, self._state
+        if first is None:
+            return None
+        way = float(state.node_path_m[state.last] - state.node_path_m[first.node])
+        if not self._config.loops.confirm_after_m <= way <= self._config.key_nodes.trajectory_length_m:
+            return None
+        poses = state.node_pose
+        since = se2.between(poses[first.node], poses[state.last])
+        return se2.compose(poses[first.anchor], se2.compose(first.T_anchor_node, since))
+
+    def _oldest_m(self) -> float:
+        """Trajectory length before which a place counts as left long enough to form a loop."""
+        return float(self._state.node_path_m[self._state.last]) - self._config.loops.min_separation_m
 
     def _confirmed(self, edge: LoopEdge) -> list[LoopEdge]:
         """A searched loop counts once a second one, matched some way on, tells the same of where the robot is.
@@ -110,7 +142,7 @@ class LoopSearch:
         state, loops, rows = self._state, self._config.loops, self._key_nodes.rows
         here = state.node_pose[state.last]
         path = state.node_path_m[: state.count]
-        old = int(np.searchsorted(path, path[-1] - loops.min_separation_m))
+        old = int(np.searchsorted(path, self._oldest_m()))
         if old == 0:
             return []
         distance = np.hypot(state.node_pose[:old, 0] - here[0], state.node_pose[:old, 1] - here[1])
@@ -130,8 +162,8 @@ class LoopSearch:
     def _match_known(self, candidate: Candidate) -> LoopEdge | None:
         """A key-node whose place is known well: the pose itself is guess enough, or else a short search finds it."""
         loops = self._config.loops
-        covariance = np.diag([loops.certain_std_m**2, loops.certain_std_m**2, loops.certain_std_rad**2])
-        predicted = self._pose_from(candidate.key_node)
+        covariance = self._certain()
+        predicted = self._seen_from(candidate.key_node, self._state.node_pose[self._state.last])
         local = self._key_nodes.local_grid(candidate.key_node)
         points = self._points.of(int(self._state.node_scan[self._state.last]))
         match = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
@@ -141,17 +173,18 @@ class LoopSearch:
         agrees = matched >= loops.min_agreement * (matched + contradicted)
         if match.score >= loops.min_score and agrees and moved < 1.5:
             return self._edge(candidate, match) if self._is_observed(match) else None
-        return None if agrees and moved < 1.5 else self._searched(candidate, covariance)
+        return None if agrees and moved < 1.5 else self._searched(candidate, predicted, covariance)
 
     def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
         """A key-node that drift separates from here: gate, then search in the covariance ellipse."""
         covariance = self._relative_covariance(candidate)
         if not self._passes_gate(candidate, covariance):
             return None
-        return self._searched(candidate, covariance)
+        predicted = self._seen_from(candidate.key_node, self._state.node_pose[self._state.last])
+        return self._searched(candidate, predicted, covariance)
 
-    def _searched(self, candidate: Candidate, covariance: Float) -> LoopEdge | None:
-        """The best-scoring match of the region about the newest node that ``covariance`` (3, 3) leaves, if verified."""
+    def _searched(self, candidate: Candidate, predicted: Float, covariance: Float) -> LoopEdge | None:
+        """The best-scoring match about ``predicted`` (3,), in the region that ``covariance`` leaves, if verified."""
         state, loops = self._state, self._config.loops
         pair = (candidate.key_node, self._key_nodes.last)
         path = float(state.node_path_m[state.last])
@@ -159,23 +192,22 @@ class LoopSearch:
             return None
         self._tried_at_m[pair] = path
         self.attempts += 1
-        region = self._region(self._pose_from(candidate.key_node), covariance)
+        region = self._region(predicted, covariance)
         points = self._points.of(int(state.node_scan[state.last]))
         found = search(self._key_nodes.likelihood(candidate.key_node), points, region, loops.min_likelihood)
         if found is None:
             return None
         local = self._key_nodes.local_grid(candidate.key_node)
         match = self._matcher.match(local.grid, points, found[0], prior_at(found[0], covariance))
-        if match.score < loops.min_score or not self._is_verified(candidate, match):
+        if match.score < loops.min_score or not self._is_verified(candidate, match, self._recent_points()):
             return None
         # The next node may try again at once: it is to confirm this one.
         del self._tried_at_m[pair]
         return self._edge(candidate, match)
 
-    def _pose_from(self, key_node: int) -> Float:
-        """Where the newest node is believed to be in the frame of a key-node's local grid."""
-        anchor = self._key_nodes.rows[key_node].first
-        return se2.between(self._state.node_pose[anchor], self._state.node_pose[self._state.last])
+    def _seen_from(self, key_node: int, pose: Float) -> Float:
+        """A pose (3,) in the map, in the frame of a key-node's local grid."""
+        return se2.between(self._state.node_pose[self._key_nodes.rows[key_node].first], pose)
 
     def _relative_covariance(self, candidate: Candidate) -> Float:
         """S of IGO (4), in the frame of the newest node: exact from the last factor, along the chain since.
@@ -230,15 +262,14 @@ class LoopSearch:
         steps = np.concatenate((np.zeros((1, 2)), along, axis))
         inside = np.einsum("ni,ij,nj->n", steps, np.linalg.inv(ellipse), steps) <= 9.0
         radius = float(np.clip(3.0 * np.sqrt(values[0]), self._config.match.reach_m, most))
-        angle = float(np.clip(3.0 * np.sqrt(covariance[2, 2]), 0.05, 0.6))
+        angle = float(np.clip(3.0 * np.sqrt(covariance[2, 2]), 0.05, MOST_TURN_RAD))
         guesses = predicted[:2] + steps[inside]
         return Region(predicted, guesses, radius, angle, loops.tie_weight, half_length + radius, angle)
 
-    def _is_verified(self, candidate: Candidate, match: Match) -> bool:
+    def _is_verified(self, candidate: Candidate, match: Match, points: Float) -> bool:
         """Whether the whole last stretch of trajectory, not this scan alone, agrees with the key-node's grid there."""
         loops = self._config.loops
         local = self._key_nodes.local_grid(candidate.key_node)
-        points = self._recent_points()
         matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
         seen = matched + contradicted
         if seen < loops.min_overlap * len(points) or matched < loops.min_agreement * seen:
@@ -251,17 +282,13 @@ class LoopSearch:
         return weakest >= self._config.loops.min_observability * match.matched
 
     def _recent_points(self) -> Float:
-        """The points of the nodes of the last T_l metres, thinned, in the frame of the newest node."""
-        state = self._state
-        path = state.node_path_m[: state.count]
-        first = int(np.searchsorted(path, path[-1] - self._config.key_nodes.trajectory_length_m))
-        parts = []
-        for node in range(first, state.count):
-            pose = se2.between(state.node_pose[state.last], state.node_pose[node])
-            points = self._points.of(int(state.node_scan[node]))[::3]
-            normals = se2.transform_points(np.array([0.0, 0.0, pose[2]]), points[:, 2:4])
-            parts.append(np.concatenate((se2.transform_points(pose, points[:, :2]), normals, points[:, 4:]), axis=1))
-        return np.ascontiguousarray(np.concatenate(parts))
+        """The points of the last T_l of trajectory in the frame of the newest node."""
+        return recent_points(self._state, self._points, self._config.key_nodes.trajectory_length_m)
+
+    def _certain(self) -> Float:
+        """The covariance of a prior that is good enough for Gauss-Newton alone."""
+        loops = self._config.loops
+        return np.diag([loops.certain_std_m**2, loops.certain_std_m**2, loops.certain_std_rad**2])
 
     def _edge(self, candidate: Candidate, match: Match) -> LoopEdge:
         """The edge from the key-node's nearest node: its lever is short, and the grid's own bend small."""

@@ -12,10 +12,14 @@ from mapmend.grid.surface import SurfaceGrid
 
 Bytes = NDArray[np.uint8]
 
+LEVELS = 6
+# Tiles under one cell of the coarsest level.
+TILES_ACROSS = 2 << (LEVELS - 1) >> _kernels.TILE_BITS
+
 
 @dataclass(frozen=True)
 class LikelihoodField:
-    """``levels``: uint8 arrays in cells of 1, 2, 4, 8 times ``cell_size_m``; 255 is a certain return.
+    """``levels``: uint8 arrays in cells of 1, 2, 4, 8, 16, 32 times ``cell_size_m``; 255 is a certain return.
 
     Its cells are twice as wide as the grid's: what is found is refined on the surfaces themselves.
 
@@ -24,7 +28,7 @@ class LikelihoodField:
     look-up bounds all whole-cell offsets that begin in one block.
     """
 
-    levels: tuple[Bytes, Bytes, Bytes, Bytes]
+    levels: tuple[Bytes, ...]
     origin: tuple[float, float]
     cell_size_m: float
 
@@ -51,10 +55,13 @@ def likelihood_field(
     used_r, used_c = np.nonzero(part >= 0)
     if len(used_r) == 0:
         empty = np.zeros((1, 1), np.uint8)
-        return LikelihoodField((empty, empty, empty, empty), (0.0, 0.0), 2.0 * size)
-    # One empty tile before the first: offsets that begin outside must still see, in the bounds, what they reach.
-    low_r, low_c = int(used_r.min()) - 1, int(used_c.min()) - 1
-    shape = (int(used_r.max()) - low_r + 1, int(used_c.max()) - low_c + 1)
+        return LikelihoodField((empty,) * LEVELS, (0.0, 0.0), 2.0 * size)
+    # Empty tiles before the first: offsets that begin outside must still see, in the bounds, what they reach.
+    low_r, low_c = int(used_r.min()) - TILES_ACROSS, int(used_c.min()) - TILES_ACROSS
+    shape = [
+        -(-(int(last) - low + 1) // TILES_ACROSS) * TILES_ACROSS
+        for last, low in ((used_r.max(), low_r), (used_c.max(), low_c))
+    ]
     finest = np.zeros((shape[0], tile, shape[1], tile), np.uint8)
     surface, _, _, nearest = grid.arrays
     sources = nearest.reshape(-1, tile, tile)[part[used_r, used_c]]
@@ -67,11 +74,11 @@ def likelihood_field(
     finest[used_r[t] - low_r, row, used_c[t] - low_c, column] = np.rint(255.0 * np.exp(-squared / (2.0 * std_m**2)))
     blocks = _halved(finest.reshape(shape[0] * tile, shape[1] * tile))
     levels = [blocks]
-    for _ in range(3):
+    for _ in range(LEVELS - 1):
         blocks = _halved(blocks)
         levels.append(_reaching_over(blocks))
     origin = ((first_c + low_c + column0) * tile * size, (first_r + low_r + row0) * tile * size)
-    return LikelihoodField((levels[0], levels[1], levels[2], levels[3]), origin, 2.0 * size)
+    return LikelihoodField(tuple(levels), origin, 2.0 * size)
 
 
 def _halved(cells: Bytes) -> Bytes:

@@ -187,17 +187,18 @@ def _sum_at(level, shift, columns, rows, dx, dy):
 def search_poses(levels, points, centre, thetas, offsets, settings, best):
     """The best-scoring pose of all whole-cell offsets and angles, exactly, by branch and bound from coarse to fine.
 
-    ``levels``: four uint8 arrays, the likelihood in cells of 1, 2, 4 and 8, each bounding those that it stands for.
+    ``levels``: uint8 arrays, the likelihood in cells of 1, 2, 4, 8 ..., each bounding those that it stands for.
     ``points`` (n, 2+): robot frame. ``centre``: x, y in cells of the finest level. ``offsets`` (m, 2) int64: the
-    corners of the 8 x 8 blocks of whole-cell offsets to look through. ``settings`` = (cell size, score to beat, tie
-    weight, prior x, prior y in cells from the centre, prior theta, tie radius in cells and in rad, farthest offset in
-    cells). A score is the mean likelihood of the points less the tie weight times the squared distance from the prior
-    in tie radii, one at most: scores that the noise could have swapped go to the pose nearest the prior, and a pose
-    beyond the radius must be better by the whole weight, however far it is.
+    corners of the blocks of whole-cell offsets to look through. ``settings`` = (cell size, score to beat, tie weight,
+    prior theta, tie radius in cells and in rad, farthest offset in cells, level whose cells are as wide as the blocks).
+    A score is the mean likelihood of the points less the tie weight times the squared distance from the prior, which
+    stands at the centre, in tie radii, one at most: scores that the noise could have swapped go to the pose nearest the
+    prior, and a pose beyond the radius must be better by the whole weight, however far it is.
     ``best``: written: score, dx, dy in cells, theta; the score stays what it was where nothing beats it.
     """
     n = points.shape[0]
     scale = 1.0 / (255.0 * n)
+    top = int(settings[7])
     columns = np.empty((thetas.shape[0], n), np.int64)
     rows = np.empty((thetas.shape[0], n), np.int64)
     bounds = np.empty(thetas.shape[0] * offsets.shape[0])
@@ -207,30 +208,34 @@ def search_poses(levels, points, centre, thetas, offsets, settings, best):
             columns[t, k] = int(math.floor(centre[0] + (cos * points[k, 0] - sin * points[k, 1]) / settings[0]))
             rows[t, k] = int(math.floor(centre[1] + (sin * points[k, 0] + cos * points[k, 1]) / settings[0]))
         for o in range(offsets.shape[0]):
-            bounds[t * offsets.shape[0] + o] = _sum_at(levels[3], 3, columns[t], rows[t], offsets[o, 0], offsets[o, 1])
+            total = _sum_at(levels[top], top, columns[t], rows[t], offsets[o, 0], offsets[o, 1])
+            bounds[t * offsets.shape[0] + o] = total
     best[0] = settings[1]
     promising = np.nonzero(bounds * scale > best[0])[0]
+    waiting = np.empty((4 * top + 1, 3), np.int64)
     for place in np.argsort(-bounds[promising]):
         b = promising[place]
         if bounds[b] * scale <= best[0]:
             break
         t, o = b // offsets.shape[0], b % offsets.shape[0]
-        cs, rs = columns[t], rows[t]
-        turn = (thetas[t] - settings[5]) / settings[7]
-        for i in range(4):
-            dx4, dy4 = offsets[o, 0] + 4 * (i & 1), offsets[o, 1] + 4 * (i >> 1)
-            if _sum_at(levels[2], 2, cs, rs, dx4, dy4) * scale <= best[0]:
-                continue
-            for j in range(4):
-                dx2, dy2 = dx4 + 2 * (j & 1), dy4 + 2 * (j >> 1)
-                if _sum_at(levels[1], 1, cs, rs, dx2, dy2) * scale <= best[0]:
+        turn = (thetas[t] - settings[3]) / settings[5]
+        waiting[0, 0], waiting[0, 1], waiting[0, 2] = top, offsets[o, 0], offsets[o, 1]
+        count = 1
+        while count > 0:
+            count -= 1
+            level, x, y = waiting[count, 0] - 1, waiting[count, 1], waiting[count, 2]
+            for i in range(4):
+                dx, dy = x + ((i & 1) << level), y + ((i >> 1) << level)
+                if level == 0 and dx * dx + dy * dy > settings[6] * settings[6]:
                     continue
-                for h in range(4):
-                    dx, dy = dx2 + (h & 1), dy2 + (h >> 1)
-                    ax, ay = (dx - settings[3]) / settings[6], (dy - settings[4]) / settings[6]
-                    if dx * dx + dy * dy > settings[8] * settings[8]:
-                        continue
-                    score = _sum_at(levels[0], 0, cs, rs, dx, dy) * scale
-                    score -= settings[2] * min(ax * ax + ay * ay + turn * turn, 1.0)
-                    if score > best[0]:
-                        best[0], best[1], best[2], best[3] = score, dx, dy, thetas[t]
+                score = _sum_at(levels[level], level, columns[t], rows[t], dx, dy) * scale
+                if score <= best[0]:
+                    continue
+                if level > 0:
+                    waiting[count, 0], waiting[count, 1], waiting[count, 2] = level, dx, dy
+                    count += 1
+                    continue
+                ax, ay = dx / settings[4], dy / settings[4]
+                score -= settings[2] * min(ax * ax + ay * ay + turn * turn, 1.0)
+                if score > best[0]:
+                    best[0], best[1], best[2], best[3] = score, dx, dy, thetas[t]

@@ -14,7 +14,9 @@ from mapmend.matching import _kernels
 
 Float = NDArray[np.float64]
 
-BLOCK = 8  # cells of the coarsest level
+# Blocks of offsets are as wide as the cells of this level; in wide regions, of the coarsest.
+NEAR_LEVEL = 3
+WIDE_CELLS = 200
 MOST_POINTS = 120
 # Beyond this range a point's move under a small turn is left to the refinement.
 ANGLE_RANGE_M = 10.0
@@ -52,19 +54,19 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
     half = math.ceil(region.angle_rad / step)
     thetas = prior[2] + step * np.arange(-half, half + 1)
     guesses = (region.guesses - prior[:2]) / size
-    offsets = _blocks(guesses, region.radius_m / size)
     reach = float(np.hypot(guesses[:, 0], guesses[:, 1]).max()) + region.radius_m / size
+    level = NEAR_LEVEL if reach < WIDE_CELLS else len(field.levels) - 1
+    offsets = _blocks(guesses, region.radius_m / size, 1 << level)
     settings = np.array(
         [
             size,
             score_to_beat,
             region.tie_weight,
-            0.0,
-            0.0,
             prior[2],
             region.tie_radius_m / size,
             region.tie_radius_rad,
             max(reach, 1.0),
+            level,
         ]
     )
     best = np.zeros(4)
@@ -75,15 +77,15 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
     return pose, float(best[0])
 
 
-def _blocks(guesses: Float, radius: float) -> NDArray[np.int64]:
-    """The 8 x 8 blocks of whole-cell offsets that any disc touches, shape (m, 2), in cells."""
-    blocks = np.floor(guesses / BLOCK).astype(np.int64)
+def _blocks(guesses: Float, radius: float, width: int) -> NDArray[np.int64]:
+    """The blocks of ``width`` x ``width`` offsets that any disc touches, shape (m, 2), in cells."""
+    blocks = np.floor(guesses / width).astype(np.int64)
     low = blocks.min(axis=0)
-    reach = math.ceil(radius / BLOCK)
+    reach = math.ceil(radius / width)
     seeds = np.zeros(tuple(blocks.max(axis=0) - low + 1 + 2 * reach), dtype=np.bool_)
     seeds[blocks[:, 0] - low[0] + reach, blocks[:, 1] - low[1] + reach] = True
     covered = seeds
     if reach:
         covered = distance_transform_edt(~seeds) <= reach + 0.5
-    every = (np.argwhere(covered) + low - reach) * BLOCK
+    every = (np.argwhere(covered) + low - reach) * width
     return np.ascontiguousarray(every, dtype=np.int64)
