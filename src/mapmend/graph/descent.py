@@ -61,7 +61,8 @@ class Descent:
     def propose(self, damping: float) -> tuple[Float, float]:
         """The damped step, shape (size,), and how far it goes downhill: ``d^T H d``, if undamped."""
         step = self.system.factorize(self.here.values, damping).solve(-self.here.gradient)
-        return step, -float(step @ self.here.gradient)
+        # Not by "@": the BLAS spreads 10,000 products over threads, which cost more than the whole step.
+        return step, -float((step * self.here.gradient).sum())
 
     def take(self, step: Float, whatever: bool) -> bool:
         """Moves by the step if the cost doesn't rise by it, or ``whatever`` it does; says whether it moved."""
