@@ -55,7 +55,7 @@ TRUE_EDGE_CHI2 = 11.345
 class Kernel(ABC):
     """``phi`` is in units of chi2; raises ``MapmendError`` where it is no number above 0."""
 
-    phi: float
+    phi: float = TRUE_EDGE_CHI2
 
     def __post_init__(self) -> None:
         if not (self.phi > 0.0 and math.isfinite(self.phi)):
@@ -73,8 +73,6 @@ class Kernel(ABC):
 @dataclass(frozen=True)
 class Huber(Kernel):
     """Quadratic up to phi, linear in the error beyond: convex in e, so outliers lose influence but keep some."""
-
-    phi: float = TRUE_EDGE_CHI2
 
     def cost(self, chi2: Float) -> Float:
         return np.where(chi2 <= self.phi, chi2, 2.0 * np.sqrt(self.phi * chi2) - self.phi)
@@ -100,8 +98,6 @@ class Cauchy(Kernel):
 class GemanMcClure(Kernel):
     """Bounded by phi: an outlier's pull vanishes."""
 
-    phi: float = 1.0
-
     def cost(self, chi2: Float) -> Float:
         return np.asarray(self.phi * chi2 / (self.phi + chi2))
 
@@ -112,8 +108,6 @@ class GemanMcClure(Kernel):
 @dataclass(frozen=True)
 class DynamicCovarianceScaling(Kernel):
     """Bounded by 3 phi, and the plain quadratic up to phi: good loops keep their whole weight."""
-
-    phi: float = 1.0
 
     def cost(self, chi2: Float) -> Float:
         return np.where(chi2 <= self.phi, chi2, 3.0 * self.phi - 4.0 * self.phi**2 / (self.phi + chi2))
@@ -128,8 +122,6 @@ class Switchable(Kernel):
 
     ``cost`` and ``weight`` are those at the best switches; the optimizer moves the switches themselves.
     """
-
-    phi: float = 1.0
 
     def cost(self, chi2: Float) -> Float:
         return self.cost_at(self.best_switches(chi2), chi2)
@@ -150,7 +142,6 @@ class Switchable(Kernel):
 class MaxMixture(Kernel):
     """The likelier of "true" and "false"; ``null_scale``, in (0, 1), scales the information of what is false."""
 
-    phi: float = TRUE_EDGE_CHI2
     null_scale: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -178,7 +169,6 @@ class TruncatedQuadratic(Kernel):
     costs ``2 sqrt(phi c mu (mu + 1)) - mu (phi + c)``.
     """
 
-    phi: float = TRUE_EDGE_CHI2
     mu: float = math.inf
 
     def cost(self, chi2: Float) -> Float:
@@ -221,9 +211,6 @@ KERNELS: dict[str, type[Kernel]] = {
 }
 
 
-DEFAULT_PHI = dict.fromkeys(KERNELS, TRUE_EDGE_CHI2)
-
-
 def kernel_of(name: str, phi: float | None = None) -> Kernel | None:
     """The kernel of that name with its own default of phi, or with the one given; None for "none".
 
@@ -233,7 +220,7 @@ def kernel_of(name: str, phi: float | None = None) -> Kernel | None:
         return None
     if name not in KERNELS:
         raise MapmendError(f"kernel must be none or one of {', '.join(KERNELS)}, got {name!r}")
-    return KERNELS[name](DEFAULT_PHI[name] if phi is None else phi)
+    return KERNELS[name]() if phi is None else KERNELS[name](phi)
 
 
 def distrusted(edge_weights: Float) -> Int:
