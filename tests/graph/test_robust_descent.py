@@ -112,7 +112,8 @@ def test_false_loops_are_found_and_do_no_harm(name):
 def test_without_false_loops_the_optimum_stays_about_where_it_was(name):
     graph = random_graph(5, nodes=60, loops=40)
     difference = optimize(graph, kernel=kernel_of(name)).poses - optimize(graph).poses
-    assert np.abs(difference).max() < 0.05
+    # Some standard deviations of a measurement.
+    assert np.abs(difference).max() < 0.1
 
 
 @pytest.mark.parametrize("name", KERNELS)
