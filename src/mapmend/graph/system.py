@@ -83,7 +83,7 @@ class System:
         return analyse(self.unknowns[self.edges], len(self.nodes))
 
     @cached_property
-    def _places(self) -> Int:
+    def places(self) -> Int:
         """The place of each node in the elimination, shape (n,), -1 where it is fixed."""
         places = np.full(len(self.unknowns), -1, dtype=np.int64)
         places[self.nodes] = self.elimination.places
@@ -112,7 +112,7 @@ class System:
             self.edges,
             np.require(measurements, np.float64, KERNEL_ARRAYS),
             np.require(information, np.float64, KERNEL_ARRAYS),
-            self._places,
+            self.places,
             self.elimination.block_of_edge,
             len(self.nodes),
             len(self.elimination.fronts.block_rows),
