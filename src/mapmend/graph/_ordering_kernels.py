@@ -19,21 +19,24 @@ def adjacency(ends: Int, count: int) -> tuple[Int, Int]:
 
     ``ends``: the vertices that each edge joins, shape (m, 2); an edge with a negative end is left out.
     """
-    starts = np.zeros(count + 1, np.int64)
-    for i, j in ends:
+    starts = np.zeros(count + 2, np.int64)
+    for k in range(len(ends)):
+        i, j = ends[k, 0], ends[k, 1]
         if i >= 0 and j >= 0:
+            starts[i + 2] += 1
+            starts[j + 2] += 1
+    for v in range(count):
+        starts[v + 2] += starts[v + 1]
+    repeated = np.empty(starts[count + 1], np.int64)
+    for k in range(len(ends)):
+        i, j = ends[k, 0], ends[k, 1]
+        if i >= 0 and j >= 0:
+            repeated[starts[i + 1]] = j
+            repeated[starts[j + 1]] = i
             starts[i + 1] += 1
             starts[j + 1] += 1
-    starts = np.cumsum(starts)
-    filled = starts[:-1].copy()
-    repeated = np.empty(starts[count], np.int64)
-    for i, j in ends:
-        if i >= 0 and j >= 0:
-            repeated[filled[i]] = j
-            repeated[filled[j]] = i
-            filled[i] += 1
-            filled[j] += 1
-    seen_by = np.full(count, -1)
+    seen_by = np.empty(count, np.int64)
+    seen_by.fill(-1)
     free = 0
     for v in range(count):
         first, end = starts[v], starts[v + 1]
@@ -45,7 +48,7 @@ def adjacency(ends: Int, count: int) -> tuple[Int, Int]:
                 repeated[free] = other
                 free += 1
     starts[count] = free
-    return starts, repeated[:free]
+    return starts[: count + 1], repeated[:free]
 
 
 @njit(cache=True, nogil=True)
@@ -62,19 +65,20 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
     """
     count = len(starts) - 1
     lists = np.empty(3 * len(neighbours) // 2 + count, np.int64)
-    lists[: len(neighbours)] = neighbours
     free = len(neighbours)
-    begin, length = starts[:-1].copy(), starts[1:] - starts[:-1]
-    elements = np.zeros(count, np.int64)
-    weight = np.ones(count, np.int64)
-    degree = length.copy()
-    stamp, flag = np.ones(count, np.int64), 2
-    heads = np.full(count + 1, -1)
-    after, before = np.full(count, -1), np.full(count, -1)
-    buckets, bucket_of = np.full(count, -1), np.zeros(count, np.int64)
-    members, last_member = np.full(count, -1), np.arange(count)
-
+    for p in range(free):
+        lists[p] = neighbours[p]
+    table = np.zeros((12, count), np.int64)
+    begin, length, degree, elements, weight, stamp = table[0], table[1], table[2], table[3], table[4], table[5]
+    heads, after, before, buckets, bucket_of = table[6], table[7], table[8], table[9], table[10]
+    members, last_member = table[11], np.empty(count, np.int64)
     order = np.empty(count, np.int64)
+    for v in range(count):
+        begin[v], length[v] = starts[v], starts[v + 1] - starts[v]
+        degree[v], weight[v], stamp[v] = length[v], 1, 1
+        heads[v] = after[v] = before[v] = buckets[v] = members[v] = -1
+        last_member[v] = v
+    flag = 2
     ordered, left = 0, count
     most = max(16, int(10.0 * np.sqrt(count)))
     for v in range(count - 1, -1, -1):
@@ -101,7 +105,8 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
         # The pivot's clique: its variables, and those of its elements, which it absorbs.
         if free + degree[pivot] > len(lists):
             longer = np.empty(2 * len(lists) + degree[pivot], np.int64)
-            longer[:free] = lists[:free]
+            for p in range(free):
+                longer[p] = lists[p]
             lists = longer
         first, clique = free, 0
         for k in range(elements[pivot] + 1):
@@ -233,9 +238,10 @@ def elimination_tree(starts: Int, neighbours: Int, order: Int) -> tuple[Int, Int
     Liu (1990), "The role of elimination trees in sparse factorization".
     """
     count = len(order)
-    place = np.empty(count, np.int64)
-    place[order] = np.arange(count)
-    parents, roots = np.full(count, -1), np.full(count, -1)
+    place, parents, roots = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    for row in range(count):
+        place[order[row]] = row
+        parents[row] = roots[row] = -1
     for row in range(count):
         vertex = order[row]
         for p in range(starts[vertex], starts[vertex + 1]):
@@ -246,10 +252,10 @@ def elimination_tree(starts: Int, neighbours: Int, order: Int) -> tuple[Int, Int
                 if above < 0:
                     parents[column] = row
                 column = above if above != row else -1
-    blocks, seen_by = np.ones(count, np.int64), np.full(count, -1)
+    blocks, seen_by = np.empty(count, np.int64), roots
     for row in range(count):
         vertex = order[row]
-        seen_by[row] = row
+        blocks[row], seen_by[row] = 1, row
         for p in range(starts[vertex], starts[vertex + 1]):
             column = place[neighbours[p]]
             while column < row and seen_by[column] != row:
@@ -263,7 +269,9 @@ def elimination_tree(starts: Int, neighbours: Int, order: Int) -> tuple[Int, Int
 def postorder(order: Int, parents: Int, blocks: Int) -> tuple[Int, Int, Int]:
     """The same three with the places anew: each right behind all that hang on it, the fullest branch last."""
     count = len(parents)
-    first_child, next_child, fullest = np.full(count, -1), np.full(count, -1), np.full(count, -1)
+    first_child, next_child, fullest = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    for v in range(count):
+        first_child[v] = next_child[v] = fullest[v] = -1
     for v in range(count):
         parent = parents[v]
         if parent >= 0 and (fullest[parent] < 0 or blocks[v] > blocks[fullest[parent]]):
@@ -294,10 +302,12 @@ def postorder(order: Int, parents: Int, blocks: Int) -> tuple[Int, Int, Int]:
                 sequence[done] = v
                 done += 1
                 depth -= 1
-    place = np.empty(count, np.int64)
-    place[sequence] = np.arange(count)
-    above = np.full(count, -1)
-    for v in range(count):
-        if parents[v] >= 0:
-            above[place[v]] = place[parents[v]]
-    return order[sequence], above, blocks[sequence]
+    place = stack
+    for k in range(count):
+        place[sequence[k]] = k
+    for k in range(count):
+        v = sequence[k]
+        first_child[k] = order[v]
+        next_child[k] = place[parents[v]] if parents[v] >= 0 else -1
+        fullest[k] = blocks[v]
+    return first_child, next_child, fullest

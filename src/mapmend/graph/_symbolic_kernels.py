@@ -37,16 +37,13 @@ def supernodes(parents: Int, blocks: Int, narrow: int, zero_share: float) -> tup
             runs -= 1
             stored[runs - 1] = used
             firsts[runs] = column + 1
-    firsts = firsts[: runs + 1].copy()
-    run_of = np.empty(count, np.int64)
-    for run in range(runs):
-        run_of[firsts[run] : firsts[run + 1]] = run
-    above = np.full(runs, -1)
-    for run in range(runs):
+    run_of, above = stored, np.empty(runs, np.int64)
+    for run in range(runs - 1, -1, -1):
+        for column in range(firsts[run], firsts[run + 1]):
+            run_of[column] = run
         parent = parents[firsts[run + 1] - 1]
-        if parent >= 0:
-            above[run] = run_of[parent]
-    return firsts, above
+        above[run] = run_of[parent] if parent >= 0 else -1
+    return firsts[: runs + 1].copy(), above
 
 
 @njit(cache=True, nogil=True)
@@ -56,13 +53,14 @@ def fill_in(starts: Int, neighbours: Int, order: Int, places: Int, firsts: Int, 
     And where each of them lies in the front of the parent: which block row, its own columns being the first ones.
     """
     count, runs = len(order), len(parents)
-    run_of = np.empty(count, np.int64)
+    run_of, seen_by = np.empty(count, np.int64), np.empty(runs, np.int64)
     for run in range(runs):
-        run_of[firsts[run] : firsts[run + 1]] = run
+        for column in range(firsts[run], firsts[run + 1]):
+            run_of[column] = run
     row_starts, filled = np.zeros(runs + 1, np.int64), np.zeros(runs, np.int64)
     rows = np.empty(0, np.int64)
-    for storing in (False, True):
-        seen_by = np.full(runs, -1)
+    for storing in range(2):
+        seen_by.fill(-1)
         for row in range(count):
             vertex, own = order[row], run_of[row]
             for p in range(starts[vertex], starts[vertex + 1]):
@@ -77,8 +75,9 @@ def fill_in(starts: Int, neighbours: Int, order: Int, places: Int, firsts: Int, 
                     filled[run] += 1
                     run = parents[run]
         if not storing:
-            row_starts[1:] = np.cumsum(filled)
-            filled[:] = row_starts[:-1]
+            for run in range(runs):
+                row_starts[run + 1] = row_starts[run] + filled[run]
+                filled[run] = row_starts[run]
             rows = np.empty(row_starts[runs], np.int64)
 
     in_parent = np.empty(len(rows), np.int64)
@@ -106,42 +105,44 @@ def block_layout(ends: Int, places: Int, firsts: Int, row_starts: Int, rows: Int
     (count + 1,), and the block rows.
     """
     count = len(places)
-    column_starts = np.zeros(count + 1, np.int64)
-    for i, j in ends:
-        if i >= 0 and j >= 0:
-            column_starts[min(places[i], places[j]) + 1] += 1
-    column_starts = np.cumsum(column_starts)
-    filled = column_starts[:-1].copy()
-    edge_of = np.empty(column_starts[count], np.int64)
+    starts = np.zeros(count + 2, np.int64)
     for k in range(len(ends)):
-        i, j = ends[k]
+        i, j = ends[k, 0], ends[k, 1]
+        if i >= 0 and j >= 0:
+            starts[min(places[i], places[j]) + 2] += 1
+    for column in range(count):
+        starts[column + 2] += starts[column + 1]
+    edge_of, block_of_edge = np.empty(starts[count + 1], np.int64), np.empty(len(ends), np.int64)
+    for k in range(len(ends)):
+        i, j = ends[k, 0], ends[k, 1]
+        block_of_edge[k] = -1
         if i >= 0 and j >= 0:
             column = min(places[i], places[j])
-            edge_of[filled[column]] = k
-            filled[column] += 1
+            edge_of[starts[column + 1]] = k
+            starts[column + 1] += 1
 
-    block_of_edge = np.full(len(ends), -1)
-    fronts = np.empty(len(edge_of), np.int64)
-    block_of_row, free = np.full(count, -1), 0
+    block_rows = np.empty(len(edge_of), np.int64)
+    front_row, block_of_row, free = np.empty(count, np.int64), np.empty(count, np.int64), 0
+    block_of_row.fill(-1)
     for run in range(len(row_starts) - 1):
         first, end = firsts[run], firsts[run + 1]
+        for row in range(first, end):
+            front_row[row] = row - first
+        for p in range(row_starts[run], row_starts[run + 1]):
+            front_row[rows[p]] = end - first + p - row_starts[run]
         for column in range(first, end):
-            own, last = free, column_starts[column + 1]
-            begin, column_starts[column] = column_starts[column], free
+            own, begin, last = free, starts[column], starts[column + 1]
+            starts[column] = free
             for p in range(begin, last):
                 k = edge_of[p]
                 row = max(places[ends[k, 0]], places[ends[k, 1]])
                 if block_of_row[row] < own:
                     block_of_row[row] = free
-                    if row < end:
-                        fronts[free] = row - first
-                    else:
-                        rows_here = rows[row_starts[run] : row_starts[run + 1]]
-                        fronts[free] = end - first + np.searchsorted(rows_here, row)
+                    block_rows[free] = front_row[row]
                     free += 1
                 block_of_edge[k] = block_of_row[row]
-    column_starts[count] = free
-    return block_of_edge, column_starts, fronts[:free].copy()
+    starts[count] = free
+    return block_of_edge, starts[: count + 1], block_rows[:free].copy()
 
 
 @njit(cache=True, nogil=True)
@@ -168,7 +169,8 @@ def storage(firsts: Int, parents: Int, row_starts: Int) -> tuple[Int, Int]:
             of_children[parents[run]] += size
         tops[odd[run]] += size
         highest[odd[run]] = max(highest[odd[run]], tops[odd[run]])
-    update_starts[:-1] += odd * highest[0]
+    for run in range(runs):
+        update_starts[run] += odd[run] * highest[0]
     update_starts[runs] = highest[0] + highest[1]
     return panel_starts, update_starts
 
@@ -176,7 +178,9 @@ def storage(firsts: Int, parents: Int, row_starts: Int) -> tuple[Int, Int]:
 @njit(cache=True, nogil=True)
 def children(parents: Int) -> tuple[Int, Int]:
     """The first run that hangs on each, and the next that hangs on the same parent; -1 where there is none."""
-    first_child, next_child = np.full(len(parents), -1), np.full(len(parents), -1)
+    first_child, next_child = np.empty(len(parents), np.int64), np.empty(len(parents), np.int64)
+    first_child.fill(-1)
+    next_child.fill(-1)
     for run in range(len(parents) - 1, -1, -1):
         parent = parents[run]
         if parent >= 0:

@@ -60,7 +60,7 @@ class Descent:
 
     def propose(self, damping: float) -> tuple[Float, float]:
         """The damped step, shape (size,), and how far it goes downhill: ``d^T H d``, if undamped."""
-        step = self.system.factorize(self.here.values, damping).solve(-self.here.gradient)
+        step = self.system.solve(self.here.values, -self.here.gradient, damping)
         # Not by "@": the BLAS spreads 10,000 products over threads, which cost more than the whole step.
         return step, -float((step * self.here.gradient).sum())
 

@@ -83,7 +83,7 @@ class System:
         return analyse(self.unknowns[self.edges], len(self.nodes))
 
     @cached_property
-    def _places(self) -> Int:
+    def places(self) -> Int:
         """The place of each node in the elimination, shape (n,), -1 where it is fixed."""
         places = np.full(len(self.unknowns), -1, dtype=np.int64)
         places[self.nodes] = self.elimination.places
@@ -93,6 +93,11 @@ class System:
     def _work(self) -> Float:
         """Room for the updates, the same for every factorization."""
         return np.empty(self.elimination.work_size)
+
+    @cached_property
+    def _lower(self) -> Float:
+        """Room for a factor that is used once."""
+        return np.empty(self.elimination.lower_size)
 
     def matches(self, graph: PoseGraph) -> bool:
         """Whether this analysis holds for the graph."""
@@ -107,7 +112,7 @@ class System:
             self.edges,
             np.require(measurements, np.float64, KERNEL_ARRAYS),
             np.require(information, np.float64, KERNEL_ARRAYS),
-            self._places,
+            self.places,
             self.elimination.block_of_edge,
             len(self.nodes),
             len(self.elimination.fronts.block_rows),
@@ -122,13 +127,22 @@ class System:
         return _kernels.move(poses, self.nodes, np.require(step, np.float64, KERNEL_ARRAYS))
 
     def factorize(self, values: Float, damping: float = 0.0) -> Factorization:
-        """L of ``H + damping * diag(H)``. One at a time: the room for the updates is the system's own.
+        """L of ``H + damping * diag(H)``; one at a time, for the room that it takes meanwhile is the system's own.
 
         Raises ``MapmendError`` where a pivot is not positive, or so small that only rounding is left of it.
         """
+        return self._factorize(values, damping, np.empty(self.elimination.lower_size))
+
+    def solve(self, values: Float, right_side: Float, damping: float = 0.0) -> Float:
+        """What ``factorize(values, damping).solve(right_side)`` gives, in memory that the next call takes again.
+
+        New memory costs more than the numbers that go into it: the machine clears it page by page.
+        """
+        return self._factorize(values, damping, self._lower).solve(right_side)
+
+    def _factorize(self, values: Float, damping: float, lower: Float) -> Factorization:
         from mapmend.graph import _factor_kernels
 
-        lower = np.empty(self.elimination.lower_size)
         fronts = self.elimination.fronts
         weak = _factor_kernels.factorize(values, 1.0 + damping, SMALLEST_PIVOT, fronts, lower, self._work)
         if weak >= 0:
