@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 
 from mapmend.evaluation.corruption import FALSE_LOOP_KINDS, add_false_loops
 from mapmend.evaluation.trajectory import trajectory_errors
-from mapmend.geometry import se2
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import KERNELS, TRUE_EDGE_CHI2, kernel_of
+from mapmend.graph.starts import along_odometry
 from mapmend.graph.system import System
 from mapmend.io.columns import read_columns
 from mapmend.io.files import read_bytes
@@ -144,7 +144,8 @@ def measure(data: str, case: Case, solvers: Sequence[str]) -> list[Measured]:
 def loaded(data: str, name: str) -> tuple[PoseGraph, Callable[[Float], float]]:
     """The graph at its odometry, and the error of poses for its nodes."""
     folder = Path(data) / "posegraphs"
-    graph = from_odometry(read_g2o(folder / f"{name}.g2o.gz"))
+    graph = read_g2o(folder / f"{name}.g2o.gz")
+    graph = graph.with_poses(along_odometry(graph))
     stamps = np.arange(len(graph), dtype=np.float64)
     if name.startswith("bicocca25b"):
         stamps = read_columns(read_bytes(folder / "bicocca25b.stamps.txt.gz"), ("t",), "stamps")[0][:, 0]
@@ -160,15 +161,6 @@ def loaded(data: str, name: str) -> tuple[PoseGraph, Callable[[Float], float]]:
         return trajectory_errors(stamps, poses, true_stamps, truth).translation_rmse_m
 
     return graph, error_m
-
-
-def from_odometry(graph: PoseGraph) -> PoseGraph:
-    """The nodes laid end to end by the odometry edges; of several between two nodes, the first."""
-    steps = {int(j): k for k, (i, j) in reversed(list(enumerate(graph.edges))) if j == i + 1 and not graph.is_loop[k]}
-    poses = graph.poses.copy()
-    for j in range(1, len(poses)):
-        poses[j] = se2.compose(poses[j - 1], graph.measurements[steps[j]])
-    return graph.with_poses(poses)
 
 
 def by_gtsam(graph: PoseGraph, solver: str) -> Float:

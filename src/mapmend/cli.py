@@ -25,7 +25,7 @@ TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
 
 METHODS = ("go", "scanmatch", "odometry", "igo", "gmapping")
 KERNELS = ("none", "huber", "cauchy", "geman-mcclure", "dcs", "switchable", "max-mixture", "gnc")
-STARTS = ("given",)
+STARTS = ("given", "odometry", "tree", "chordal")
 WORLDS = ("corridor", "office", "random")
 
 
@@ -166,7 +166,11 @@ def _add_optimize(commands: Commands) -> None:
         help="chi2 at which the kernel begins to doubt (default: its own)",
     )
     command.add_argument(
-        "--init", choices=STARTS, default=STARTS[0], help="where to start: the poses in GRAPH (default)"
+        "--init",
+        choices=STARTS,
+        default=STARTS[0],
+        help="where to start: at the poses in GRAPH (default), along the odometry (best with a kernel), "
+        "along a tree of the best edges, or rotations first",
     )
     command.add_argument("--all-edges", action="store_true", help="let the kernel doubt odometry edges too")
 

@@ -11,9 +11,11 @@ import numpy as np
 
 from mapmend.commands.console import ProgressBar, print_json, table, told_compiling
 from mapmend.errors import InputError
-from mapmend.graph.optimizer import OptimizationResult, optimize
+from mapmend.graph.optimizer import OptimizationResult, edge_chi2, optimize
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import DISTRUST_WEIGHT, Kernel, distrusted, kernel_of
+from mapmend.graph.starts import starting_poses
+from mapmend.graph.system import System
 from mapmend.io.files import read_bytes
 from mapmend.io.g2o import write_g2o
 from mapmend.io.graph_lines import parse_graph
@@ -34,14 +36,19 @@ def run(options: Namespace) -> int:
     graph, written_as = read_graph(options.graph)
     seconds = {"read": time.perf_counter() - began}
     with ProgressBar() as progress, told_compiling() as compiling:
+        given_chi2 = float(edge_chi2(graph).sum())
+        began = time.perf_counter()
+        system = System(graph)
+        start = graph.with_poses(starting_poses(graph, options.init, system))
+        seconds["start"] = time.perf_counter() - began
         doubted = np.ones_like(graph.is_loop) if options.all_edges else graph.is_loop
-        result = optimize(graph, progress=progress, kernel=kernel, doubted=doubted)
+        result = optimize(start, progress=progress, system=system, kernel=kernel, doubted=doubted)
     optimized = graph.with_poses(result.poses)
     seconds |= result.seconds | {"compile": compiling.seconds}
     began = time.perf_counter()
     WRITERS[SUFFIXES.get(Path(options.output).suffix, written_as)](options.output, optimized)
     seconds["write"] = time.perf_counter() - began
-    values = _values(options, kernel, optimized, result) | {"seconds": seconds}
+    values = _values(options, kernel, optimized, result, given_chi2) | {"seconds": seconds}
     if options.json:
         print_json(values)
     else:
@@ -58,7 +65,9 @@ def read_graph(path: str) -> tuple[PoseGraph, str]:
     return parse_graph(data, path), written_as
 
 
-def _values(options: Namespace, kernel: Kernel | None, graph: PoseGraph, result: OptimizationResult) -> dict[str, Any]:
+def _values(
+    options: Namespace, kernel: Kernel | None, graph: PoseGraph, result: OptimizationResult, given_chi2: float
+) -> dict[str, Any]:
     """What ``--json`` prints, but for the seconds."""
     rows = distrusted(result.edge_weights)
     loops = graph.is_loop
@@ -71,7 +80,8 @@ def _values(options: Namespace, kernel: Kernel | None, graph: PoseGraph, result:
         "kernel": options.kernel,
         "phi": None if kernel is None else kernel.phi,
         "init": options.init,
-        "chi2_initial": result.chi2_initial,
+        "chi2_initial": given_chi2,
+        "chi2_start": result.chi2_initial,
         "chi2_final": result.chi2_final,
         "cost_initial": result.cost_initial,
         "cost_final": result.cost_final,
@@ -96,6 +106,8 @@ def _lines(values: dict[str, Any]) -> list[str]:
         f"  chi2: {values['chi2_initial']:.3f} before, {values['chi2_final']:.3f} after, "
         f"{values['iterations']} iterations, {state}",
     ]
+    if values["init"] != "given":
+        lines.append(f"  start: {values['init']}, chi2 {values['chi2_start']:.3f}")
     if values["phi"] is not None:
         lines.append(
             f"  kernel {values['kernel']}, phi {values['phi']:g}: cost {values['cost_initial']:.3f} before, "
