@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -132,6 +137,8 @@ def test_all_edges_may_be_doubted(mapmend, graph, path, tmp_path):
         (["--kernel", "tukey"], "invalid choice: 'tukey'"),
         (["--phi", "0"], "'0' is not a number above 0"),
         (["--phi", "nan"], "'nan' is not a number above 0"),
+        (["--phi", "2"], "--phi and --all-edges say how a kernel doubts"),
+        (["--all-edges"], "--phi and --all-edges say how a kernel doubts"),
         (["--init", "luck"], "invalid choice: 'luck'"),
     ],
 )
@@ -152,6 +159,33 @@ def test_files_that_cannot_be_used(mapmend, path, tmp_path, log_path):
     path.write_text("\n".join(line for line in lines if not line.startswith("EDGE") or line.split()[1] == "7"))
     assert "no chain of edges joins node" in mapmend("optimize", path, "-o", out).complaint
     assert not out.exists()
+
+
+INTERRUPT = """
+import os, signal, sys
+from mapmend import cli
+from mapmend.commands import console
+
+console.ProgressBar.__call__ = lambda *_: os.kill(os.getpid(), signal.SIGINT)
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def test_ctrl_c_in_the_middle_leaves_nothing(path, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPT, "optimize", str(path), "-o", str(tmp_path / "out.g2o"), "--kernel", "gnc"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        # A test run in the background of a shell has SIGINT ignored, and hands that on.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        env={**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])},
+    )
+    assert done.returncode == 130
+    lines = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
+    assert lines == ["mapmend: interrupted; nothing was written"]
+    assert [p.name for p in tmp_path.iterdir()] == ["in.g2o"]
 
 
 def test_the_command_line_knows_kernels_and_starts():

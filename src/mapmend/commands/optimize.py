@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mapmend.commands.console import ProgressBar, print_json, table, told_compiling
-from mapmend.errors import InputError
+from mapmend.errors import InputError, MapmendError
 from mapmend.graph.optimizer import OptimizationResult, edge_chi2, optimize
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import DISTRUST_WEIGHT, Kernel, distrusted, kernel_of
@@ -31,6 +31,8 @@ MOST_ROWS = 20
 def run(options: Namespace) -> int:
     """Reads, optimizes, writes; what can't end well is refused before the work begins."""
     kernel = kernel_of(options.kernel, options.phi)
+    if kernel is None and (options.phi is not None or options.all_edges):
+        raise MapmendError("--phi and --all-edges say how a kernel doubts; name one with --kernel")
     check_file_writable(options.output)
     began = time.perf_counter()
     graph, written_as = read_graph(options.graph)
@@ -39,12 +41,15 @@ def run(options: Namespace) -> int:
         given_chi2 = float(edge_chi2(graph).sum())
         began = time.perf_counter()
         system = System(graph)
+        seconds["analyse"] = time.perf_counter() - began
+        began = time.perf_counter()
         start = graph.with_poses(starting_poses(graph, options.init, system))
         seconds["start"] = time.perf_counter() - began
         doubted = np.ones_like(graph.is_loop) if options.all_edges else graph.is_loop
         result = optimize(start, progress=progress, system=system, kernel=kernel, doubted=doubted)
     optimized = graph.with_poses(result.poses)
-    seconds |= result.seconds | {"compile": compiling.seconds}
+    seconds["analyse"] += result.seconds["analyse"]
+    seconds |= {"solve": result.seconds["solve"], "compile": compiling.seconds}
     began = time.perf_counter()
     WRITERS[SUFFIXES.get(Path(options.output).suffix, written_as)](options.output, optimized)
     seconds["write"] = time.perf_counter() - began

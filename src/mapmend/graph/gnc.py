@@ -17,12 +17,13 @@ degrees of ``TruncatedQuadratic`` each edge comes to count in full or not at all
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from mapmend.graph.descent import OptimizerSettings, descend
 from mapmend.graph.robust import DynamicCovarianceScaling, GraduatedNonConvexity, TruncatedQuadratic
 from mapmend.graph.robust_descent import KernelDescent
-from mapmend.parallel import Progress
+from mapmend.parallel import Progress, no_progress
 
 WIDENING = (1.0 / 32.0, 1.0 / 10.0, 1.0 / 3.2, 1.0)
 """The shares of phi that DCS goes through: half a decade a step, from where an error is a sixth of what phi allows."""
@@ -36,6 +37,8 @@ MU_FACTOR = 1.4
 LARGEST_MU = 1e3
 """From here on the surrogate blends over a thousandth of phi."""
 
+DEGREES = math.ceil(math.log(LARGEST_MU / FIRST_MU) / math.log(MU_FACTOR))
+
 STEPS_A_DEGREE = 2
 DEGREE_SIGMA = 0.1
 """A degree ends with a step of less than this many standard deviations: the next one moves on anyway."""
@@ -46,18 +49,21 @@ def graduate(
 ) -> tuple[int, bool]:
     """Widens, closes and descends to the truncated cost; how many steps, and whether it converged."""
     rough = replace(settings, tolerance_sigma=DEGREE_SIGMA)
+    brief = replace(rough, max_iterations=min(STEPS_A_DEGREE, settings.max_iterations))
+    total = len(WIDENING) + DEGREES + 1
     iterations = 0
-    for share in WIDENING:
+    for stage, share in enumerate(WIDENING):
         descent.use(DynamicCovarianceScaling(share * kernel.phi))
-        iterations += descend(descent, rough, progress)[0]
-    mu = FIRST_MU
-    while mu < LARGEST_MU:
-        surrogate = TruncatedQuadratic(kernel.phi, mu)
+        iterations += descend(descent, rough, no_progress)[0]
+        progress("optimize", stage + 1, total)
+    for degree in range(DEGREES):
+        surrogate = TruncatedQuadratic(kernel.phi, FIRST_MU * MU_FACTOR**degree)
         descent.use(surrogate)
-        iterations += descend(descent, replace(rough, max_iterations=STEPS_A_DEGREE), progress)[0]
+        iterations += descend(descent, brief, no_progress)[0]
+        progress("optimize", len(WIDENING) + degree + 1, total)
         if surrogate.is_decided(descent.edge_chi2[descent.doubted]):
             break
-        mu *= MU_FACTOR
     descent.use(kernel)
-    steps, converged = descend(descent, settings, progress)
+    steps, converged = descend(descent, settings, no_progress)
+    progress("optimize", total, total)
     return iterations + steps, converged
