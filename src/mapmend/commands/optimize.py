@@ -74,7 +74,7 @@ def _values(
     options: Namespace, kernel: Kernel | None, graph: PoseGraph, result: OptimizationResult, given_chi2: float
 ) -> dict[str, Any]:
     """What ``--json`` prints, but for the seconds."""
-    rows = distrusted(result.edge_weights)
+    rows, chi2 = distrusted(result.edge_weights), edge_chi2(graph)
     loops = graph.is_loop
     return {
         "graph": options.graph,
@@ -93,8 +93,8 @@ def _values(
         "iterations": result.iterations,
         "converged": result.converged,
         "distrusted": [
-            {"edge": int(row), "from": int(i), "to": int(j), "weight": float(result.edge_weights[row])}
-            for row, (i, j) in zip(rows, graph.ids[graph.edges[rows]], strict=True)
+            {"edge": row, "from": i, "to": j, "chi2": float(chi2[row]), "weight": float(result.edge_weights[row])}
+            for row, (i, j) in zip(rows.tolist(), graph.ids[graph.edges[rows]].tolist(), strict=True)
         ],
     }
 
@@ -125,10 +125,13 @@ def _lines(values: dict[str, Any]) -> list[str]:
 def _distrust_lines(rows: list[dict[str, Any]]) -> list[str]:
     """The edges least trusted, the worst first."""
     lines = [f"  distrusts {len(rows)} edges (weight below {DISTRUST_WEIGHT:g})"]
-    worst = sorted(rows, key=lambda row: (row["weight"], row["edge"]))[:MOST_ROWS]
+    worst = sorted(rows, key=lambda row: (row["weight"], -row["chi2"]))[:MOST_ROWS]
     if worst:
-        cells = [(f"{row['from']} -> {row['to']}", str(row["edge"]), f"{row['weight']:.2g}") for row in worst]
-        lines += [f"    {line}" for line in table(("nodes", "edge", "weight"), cells).splitlines()]
+        cells = [
+            (f"{row['from']} -> {row['to']}", str(row["edge"]), f"{row['chi2']:.1f}", f"{row['weight']:.2g}")
+            for row in worst
+        ]
+        lines += [f"    {line}" for line in table(("nodes", "edge", "chi2", "weight"), cells).splitlines()]
     if len(rows) > len(worst):
         lines.append(f"    and {len(rows) - len(worst)} more; --json names all")
     return lines

@@ -144,7 +144,10 @@ class Switchable(Kernel):
 
 @dataclass(frozen=True)
 class MaxMixture(Kernel):
-    """The likelier of "true" and "false"; ``null_scale``, in (0, 1), scales the information of what is false."""
+    """The likelier of "true" and "false"; ``null_scale``, in (0, 1), scales the information of what is false.
+
+    The less it is, the less what is false pulls, and the fewer true loops find back that drift has parted.
+    """
 
     null_scale: float = 1e-6
 
