@@ -154,6 +154,25 @@ def test_another_kernel_at_the_same_poses():
     )
 
 
+def test_the_degrees_of_gnc_are_told():
+    told = []
+    graph = add_false_loops(random_graph(4, nodes=60, loops=40), "random", 20, seed=0).graph
+    optimize(graph, kernel=kernel_of("gnc"), progress=lambda stage, done, total: told.append((done, total)))
+    done, total = np.array(told).T
+    assert np.all(np.diff(done) > 0)
+    assert done[-1] == total[0]
+    assert np.all(total == total[0])
+
+
+def test_steps_stay_within_their_limit():
+    graph = add_false_loops(random_graph(4, nodes=60, loops=40), "random", 20, seed=0).graph
+    still = optimize(graph, OptimizerSettings(max_iterations=0), kernel=kernel_of("gnc"))
+    np.testing.assert_array_equal(still.poses, graph.poses)
+    assert (still.iterations, still.converged) == (0, False)
+    for name in set(KERNELS) - {"gnc"}:
+        assert optimize(graph, OptimizerSettings(max_iterations=2), kernel=kernel_of(name)).iterations == 2
+
+
 def test_doubted_edges_that_cannot_be():
     graph = random_graph(0)
     for doubted in (np.ones(3, np.bool_), np.ones(len(graph.edges))):
