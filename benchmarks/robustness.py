@@ -5,8 +5,8 @@ false loops; always from odometry. False loops come in four kinds (``evaluation/
 seeds. Every run is appended to --results as a line of JSON, and what is there already is not run again: end it at
 any time, and go on later, with more --seeds or other --solvers. Fewer seeds come first in all cases.
 
-GTSAM's DCS runs with our phi and, as ``gtsam-dcs-1``, with its own default of 1; its GNC with its defaults and the
-odometry as known inliers. Both by Levenberg-Marquardt with its defaults, as ours.
+DCS, ours and GTSAM's, runs with our phi and, as ``dcs-1``, with the published one of 1, which is GTSAM's default.
+GTSAM's GNC runs with its defaults and the odometry as known inliers; both by its Levenberg-Marquardt with its defaults.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from mapmend.evaluation.corruption import FALSE_LOOP_KINDS, add_false_loops
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.graph.robust import KERNELS, TRUE_EDGE_CHI2, kernel_of
+from mapmend.graph.robust import KERNELS, TRUE_EDGE_CHI2, Kernel, kernel_of
 from mapmend.graph.starts import along_odometry
 from mapmend.io.columns import read_columns
 from mapmend.io.files import read_bytes
@@ -43,7 +43,7 @@ Float = NDArray[np.float64]
 GRAPHS = ("intel", "M3500", "ringCity", "bicocca25b_0.500")
 AS_THEY_ARE = ("bicocca25b_0.000", "bicocca25b_0.200")
 COUNTS = (0, 10, 100, 500, 1000)
-OURS = ("none", *KERNELS)
+OURS = ("none", *KERNELS, "dcs-1")
 GTSAM = ("gtsam-dcs-1", "gtsam-dcs", "gtsam-gnc")
 BOUND_M = 0.1
 NO_KIND = "-"
@@ -127,9 +127,14 @@ def measure(data: str, case: Case, solver: str) -> Measured:
     if case.count:
         graph = add_false_loops(graph, case.kind, case.count, case.seed).graph
     began = time.perf_counter()
-    poses = optimize(graph, kernel=kernel_of(solver)).poses if solver in OURS else by_gtsam(graph, solver)
+    poses = by_gtsam(graph, solver) if solver in GTSAM else optimize(graph, kernel=kernel_named(solver)).poses
     seconds = time.perf_counter() - began
     return Measured(case.graph, case.kind, case.count, case.seed, solver, error_m(poses), seconds)
+
+
+def kernel_named(solver: str) -> Kernel | None:
+    """The kernel with its own phi, or ``dcs-1`` with phi = 1."""
+    return kernel_of("dcs", 1.0) if solver == "dcs-1" else kernel_of(solver)
 
 
 @cache
