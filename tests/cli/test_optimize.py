@@ -155,6 +155,7 @@ def test_files_that_cannot_be_used(mapmend, path, tmp_path, log_path):
     assert "holds no pose graph" in mapmend("optimize", log_path, "-o", out).complaint
     assert "no such file" in mapmend("optimize", tmp_path / "none.g2o", "-o", out).complaint
     assert "can't be written" in mapmend("optimize", path, "-o", tmp_path / "no" / "out.g2o").complaint
+    assert "name it without .gz" in mapmend("optimize", path, "-o", tmp_path / "out.g2o.gz").complaint
     assert "is a directory" in mapmend("optimize", path, "-o", tmp_path).complaint
     lines = path.read_text().splitlines()
     path.write_text("\n".join(line for line in lines if not line.startswith("EDGE") or line.split()[1] == "7"))

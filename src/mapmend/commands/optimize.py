@@ -25,6 +25,7 @@ from mapmend.io.toro import write_toro
 
 WRITERS = {"g2o": write_g2o, "toro": write_toro}
 SUFFIXES = {".g2o": "g2o", ".toro": "toro", ".graph": "toro"}
+PACKED = (".gz", ".bz2")
 MOST_ROWS = 20
 
 
@@ -33,6 +34,8 @@ def run(options: Namespace) -> int:
     kernel = kernel_of(options.kernel, options.phi)
     if kernel is None and (options.phi is not None or options.all_edges):
         raise MapmendError("--phi and --all-edges say how a kernel doubts; name one with --kernel")
+    if Path(options.output).suffix in PACKED:
+        raise MapmendError(f"{options.output}: graphs are written plain; name it without {Path(options.output).suffix}")
     check_file_writable(options.output)
     began = time.perf_counter()
     graph, written_as = read_graph(options.graph)
