@@ -70,7 +70,7 @@ def test_eliminated_switches_step_as_in_the_joint_system(seed):
     descent = SwitchDescent(system, graph, graph.information, Switchable(xi), graph.is_loop)
     descent.switches = switches
     descent._begin()
-    step, _ = descent.propose(0.0)
+    step, gain = descent.propose(0.0)
 
     n, loops = len(graph), np.flatnonzero(graph.is_loop)
     H, g = np.zeros((3 * n + len(loops),) * 2), np.zeros(3 * n + len(loops))
@@ -91,6 +91,7 @@ def test_eliminated_switches_step_as_in_the_joint_system(seed):
     expected = np.linalg.solve(H[3:, 3:], -g[3:])
     np.testing.assert_allclose(step, expected[: 3 * n - 3], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(descent._switch_steps(step), expected[3 * n - 3 :], rtol=1e-6, atol=1e-9)
+    assert gain == pytest.approx(-expected @ g[3:], rel=1e-6)
 
 
 @pytest.mark.parametrize("name", REDESCENDING)

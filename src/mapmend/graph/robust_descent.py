@@ -71,6 +71,11 @@ class SwitchDescent(Descent):
         self.switches = np.ones(int(doubted.sum()))
         super().__init__(system, graph, information)
 
+    def propose(self, damping: float) -> tuple[Float, float]:
+        """The poses' part of the step; the gain is that of poses and switches together."""
+        step, gain = super().propose(damping)
+        return step, gain + float((self.slope**2 / self.stiffness).sum())
+
     def take(self, step: Float, whatever: bool) -> bool:
         poses = self.system.move(self.poses, step)
         switches = self.switches + self._switch_steps(step)
