@@ -24,6 +24,8 @@ COULD_NOT, INTERRUPTED = 2, 130
 TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
 
 METHODS = ("go", "scanmatch", "odometry", "igo", "gmapping")
+KERNELS = ("none", "huber", "cauchy", "geman-mcclure", "dcs", "switchable", "max-mixture", "gnc")
+STARTS = ("given", "odometry", "tree", "chordal")
 WORLDS = ("corridor", "office", "random")
 
 
@@ -81,6 +83,7 @@ def parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_info(commands)
     _add_map(commands)
+    _add_optimize(commands)
     _add_eval(commands)
     _add_simulate(commands)
     return top
@@ -135,6 +138,41 @@ def _add_map(commands: Commands) -> None:
     command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
     _add_lenient(command)
     _add_threads(command)
+
+
+def _add_optimize(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "optimize",
+        "optimize",
+        "move the nodes of a pose graph to where they agree best with its edges",
+        "Reads and writes g2o and TORO; scans on the nodes travel along. With a kernel, says which loops it distrusts.",
+    )
+    command.add_argument("graph", metavar="GRAPH", help="a g2o or TORO graph (.gz and .bz2 as they are)")
+    command.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        required=True,
+        help="the file to write: .g2o, or .toro or .graph; by any other name as GRAPH is",
+    )
+    command.add_argument(
+        "--kernel", choices=KERNELS, default=KERNELS[0], help="what loops cost that may be false (default: none)"
+    )
+    command.add_argument(
+        "--phi",
+        type=_positive,
+        metavar="X",
+        help="chi2 at which the kernel begins to doubt (default: its own)",
+    )
+    command.add_argument(
+        "--init",
+        choices=STARTS,
+        default=STARTS[0],
+        help="where to start: at the poses in GRAPH (default), along the odometry (best with a kernel), "
+        "along a tree of the best edges, or rotations first",
+    )
+    command.add_argument("--all-edges", action="store_true", help="let the kernel doubt odometry edges too")
 
 
 def _add_eval(commands: Commands) -> None:

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse import csc_matrix
 
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
-from mapmend.graph import _kernels
-from mapmend.graph.marginals import cross_covariances, marginals, relative_covariances
+from mapmend.graph import _marginal_kernels
+from mapmend.graph.marginals import cross_covariances, joint_covariance, marginals, relative_covariances
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.system import System
 from tests.graph.graphs import perturbed, random_graph
+from tests.reference import graph_elimination as elimination
 from tests.reference import graph_linearization as reference
 
 FIXED = st.sampled_from([(0,), (5,), (2, 3, 11)])
@@ -32,15 +32,17 @@ def blocks_of(covariance):
     return covariance.reshape(n, 3, n, 3).swapaxes(1, 2)
 
 
-def test_the_sparse_inverse_subset_is_the_inverse_on_the_pattern():
-    f = factorized(random_graph(8, nodes=20, loops=15))
-    size = len(f.diagonal)
-    lower = csc_matrix((f.lower, f.rows, f.starts), shape=(size, size)).toarray() + np.eye(size)
-    expected = np.linalg.inv(lower * f.diagonal @ lower.T)
-    inverse, diagonal = _kernels.sparse_inverse(f.starts, f.rows, f.lower, f.diagonal)
-    np.testing.assert_allclose(diagonal, np.diag(expected), rtol=1e-9)
-    columns = np.repeat(np.arange(size), np.diff(f.starts))
-    np.testing.assert_allclose(inverse, expected[f.rows, columns], rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 60), st.integers(0, 60))
+def test_the_sparse_inverse_subset_is_the_inverse_on_the_pattern(seed, nodes, loops):
+    f = factorized(random_graph(seed, nodes, loops))
+    fronts = f.elimination.fronts
+    lower = elimination.dense_panels(fronts, f.lower)
+    expected = np.linalg.inv(lower @ lower.T)
+    inverse = _marginal_kernels.sparse_inverse(fronts, f.lower, np.empty(f.elimination.work_size))
+    stored = elimination.dense_panels(fronts, np.ones_like(f.lower)) > 0.0
+    got = elimination.dense_panels(fronts, inverse)
+    np.testing.assert_allclose(got[stored], expected[stored], rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
 @settings(max_examples=15, deadline=None)
@@ -61,6 +63,16 @@ def test_cross_covariances_are_a_block_column_of_the_inverse(seed, fixed, node):
     graph = replace(perturbed(random_graph(seed), seed, 0.2), fixed=fixed)
     expected = blocks_of(reference.dense_covariance(graph))[:, node]
     np.testing.assert_allclose(cross_covariances(factorized(graph), node), expected, atol=1e-9 * np.abs(expected).max())
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), FIXED, st.integers(0, 11), st.integers(0, 11))
+def test_the_joint_covariance_of_two_nodes(seed, fixed, first, second):
+    graph = replace(perturbed(random_graph(seed), seed, 0.2), fixed=fixed)
+    rows = np.array([3 * first + np.arange(3), 3 * second + np.arange(3)]).ravel()
+    expected = reference.dense_covariance(graph)[np.ix_(rows, rows)]
+    got = joint_covariance(factorized(graph), first, second)
+    np.testing.assert_allclose(got, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @settings(max_examples=15, deadline=None)

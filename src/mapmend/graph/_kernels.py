@@ -1,4 +1,4 @@
-"""Kernels of the pose-graph back end: linearization, triangular solves and the sparse inverse subset."""
+"""Kernels of the pose-graph back end: linearization and the motion of the nodes."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
+TURN = 2.0 * np.pi
+
 
 @njit(cache=True, nogil=True)
 def linearize(
@@ -16,141 +18,112 @@ def linearize(
     edges: Int,
     measurements: Float,
     information: Float,
-    unknowns: Int,
-    column_starts: Int,
-    block_ranks: Int,
+    places: Int,
+    block_of_edge: Int,
+    count: int,
+    blocks: int,
 ) -> tuple[float, Float, Float]:
-    """``chi2``, the upper triangle of ``H = sum J^T Omega J`` and the gradient ``g = sum J^T Omega e``.
+    """``chi2``, the blocks of ``H = sum J^T Omega J``, and the gradient ``g = sum J^T Omega e`` by place.
 
-    ``unknowns``, ``column_starts`` and ``block_ranks`` are those of ``System``: the 3x3 block of an edge begins three
-    rows times its rank down from the head of its column; the diagonal block ends its column.
+    ``places``: shape (n,), -1 where a node is fixed. H is given as the ``count`` diagonal blocks, then the ``blocks``
+    below the diagonal, which ``block_of_edge`` counts; each by columns.
+
+    With ``J_j`` the derivative by a motion of j, that by a motion of i is ``-J_j A``, A the adjoint of ``T_j_i``. So
+    ``W = J_j^T Omega J_j`` is all that is needed: ``H_jj = W``, ``H_ji = -W A``, ``H_ii = A^T W A``.
     """
-    size = len(column_starts) - 1
-    values = np.zeros(column_starts[size])
-    gradient = np.zeros(size)
-    error = np.empty(3)
-    jacobians = np.zeros((2, 3, 3))
-    weighted = np.empty((2, 3, 3))
-    rows = np.empty(2, np.int64)
+    below = 9 * count
+    values = np.zeros(below + 9 * blocks)
+    gradient = np.zeros(3 * count)
+    turns = np.empty((len(poses), 2))
+    for node in range(len(poses)):
+        turns[node, 0], turns[node, 1] = np.cos(poses[node, 2]), np.sin(poses[node, 2])
     chi2 = 0.0
     for k in range(len(edges)):
         i, j = edges[k, 0], edges[k, 1]
-        cos_i, sin_i = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        cos_i, sin_i, cos_j, sin_j = turns[i, 0], turns[i, 1], turns[j, 0], turns[j, 1]
         cos_m, sin_m = np.cos(measurements[k, 2]), np.sin(measurements[k, 2])
         dx, dy = poses[j, 0] - poses[i, 0], poses[j, 1] - poses[i, 1]
-        x, y = cos_i * dx + sin_i * dy, cos_i * dy - sin_i * dx
-        dx, dy = x - measurements[k, 0], y - measurements[k, 1]
-        error[0] = cos_m * dx + sin_m * dy
-        error[1] = cos_m * dy - sin_m * dx
-        error[2] = (poses[j, 2] - poses[i, 2] - measurements[k, 2] + np.pi) % (2.0 * np.pi) - np.pi
-        cos_e, sin_e = np.cos(error[2]), np.sin(error[2])
-        # A motion of i in its own frame carries j the other way, with the lever arm (x, y); a motion of j is turned
-        # into the frame of the measured pose.
-        jacobians[0, 0, 0], jacobians[0, 0, 1] = -cos_m, -sin_m
-        jacobians[0, 1, 0], jacobians[0, 1, 1] = sin_m, -cos_m
-        jacobians[0, 0, 2], jacobians[0, 1, 2] = cos_m * y - sin_m * x, -sin_m * y - cos_m * x
-        jacobians[0, 2, 2] = -1.0
-        jacobians[1, 0, 0], jacobians[1, 0, 1] = cos_e, -sin_e
-        jacobians[1, 1, 0], jacobians[1, 1, 1] = sin_e, cos_e
-        jacobians[1, 2, 2] = 1.0
+        x = cos_i * dx + sin_i * dy - measurements[k, 0]
+        y = cos_i * dy - sin_i * dx - measurements[k, 1]
+        e0, e1 = cos_m * x + sin_m * y, cos_m * y - sin_m * x
+        e2 = poses[j, 2] - poses[i, 2] - measurements[k, 2]
+        e2 -= TURN * np.floor(e2 / TURN + 0.5)
+        # The turn and the lever of T_j_i, and the turn of the error.
+        c, s = cos_j * cos_i + sin_j * sin_i, cos_j * sin_i - sin_j * cos_i
+        lever_x, lever_y = -cos_j * dx - sin_j * dy, sin_j * dx - cos_j * dy
+        cos_e, sin_e = c * cos_m - s * sin_m, -s * cos_m - c * sin_m
 
-        rows[0], rows[1] = unknowns[i], unknowns[j]
-        for end in range(2):
-            for r in range(3):
-                for c in range(3):
-                    total = 0.0
-                    for s in range(3):
-                        total += information[k, r, s] * jacobians[end, s, c]
-                    weighted[end, r, c] = total
-        for r in range(3):
-            for s in range(3):
-                chi2 += error[r] * information[k, r, s] * error[s]
+        o = information[k]
+        f0 = o[0, 0] * e0 + o[0, 1] * e1 + o[0, 2] * e2
+        f1 = o[0, 1] * e0 + o[1, 1] * e1 + o[1, 2] * e2
+        f2 = o[0, 2] * e0 + o[1, 2] * e1 + o[2, 2] * e2
+        chi2 += e0 * f0 + e1 * f1 + e2 * f2
+        g0, g1 = cos_e * f0 + sin_e * f1, cos_e * f1 - sin_e * f0
+        a0, a1 = cos_e * o[0, 0] + sin_e * o[0, 1], cos_e * o[0, 1] + sin_e * o[1, 1]
+        b0, b1 = cos_e * o[0, 1] - sin_e * o[0, 0], cos_e * o[1, 1] - sin_e * o[0, 1]
+        w00, w01, w11 = cos_e * a0 + sin_e * a1, cos_e * a1 - sin_e * a0, cos_e * b1 - sin_e * b0
+        w02, w12, w22 = cos_e * o[0, 2] + sin_e * o[1, 2], cos_e * o[1, 2] - sin_e * o[0, 2], o[2, 2]
+        # M = W A
+        m00, m01, m02 = w00 * c + w01 * s, w01 * c - w00 * s, w00 * lever_y - w01 * lever_x + w02
+        m10, m11, m12 = w01 * c + w11 * s, w11 * c - w01 * s, w01 * lever_y - w11 * lever_x + w12
+        m20, m21, m22 = w02 * c + w12 * s, w12 * c - w02 * s, w02 * lever_y - w12 * lever_x + w22
 
-        for end in range(2):
-            if rows[end] < 0:
-                continue
-            first = 3 * rows[end]
-            for c in range(3):
-                for s in range(3):
-                    gradient[first + c] += weighted[end, s, c] * error[s]
-                last = column_starts[first + c + 1] - 1
-                for r in range(c + 1):
-                    for s in range(3):
-                        values[last - c + r] += jacobians[end, s, r] * weighted[end, s, c]
-        if rows[0] < 0 or rows[1] < 0:
-            continue
-        upper, right = (0, 1) if rows[0] < rows[1] else (1, 0)
-        for c in range(3):
-            head = column_starts[3 * rows[right] + c] + 3 * block_ranks[k]
-            for r in range(3):
-                for s in range(3):
-                    values[head + r] += jacobians[upper, s, r] * weighted[right, s, c]
+        place_i, place_j = places[i], places[j]
+        if place_j >= 0:
+            gradient[3 * place_j] += g0
+            gradient[3 * place_j + 1] += g1
+            gradient[3 * place_j + 2] += f2
+            block = values[9 * place_j : 9 * place_j + 9]
+            block[0] += w00
+            block[1] += w01
+            block[2] += w02
+            block[3] += w01
+            block[4] += w11
+            block[5] += w12
+            block[6] += w02
+            block[7] += w12
+            block[8] += w22
+        if place_i >= 0:
+            gradient[3 * place_i] -= c * g0 + s * g1
+            gradient[3 * place_i + 1] -= c * g1 - s * g0
+            gradient[3 * place_i + 2] -= lever_y * g0 - lever_x * g1 + f2
+            block = values[9 * place_i : 9 * place_i + 9]
+            h01, h02, h12 = c * m01 + s * m11, c * m02 + s * m12, c * m12 - s * m02
+            block[0] += c * m00 + s * m10
+            block[1] += h01
+            block[2] += h02
+            block[3] += h01
+            block[4] += c * m11 - s * m01
+            block[5] += h12
+            block[6] += h02
+            block[7] += h12
+            block[8] += lever_y * m02 - lever_x * m12 + m22
+        if place_i >= 0 and place_j >= 0:
+            first = below + 9 * block_of_edge[k]
+            block = values[first : first + 9]
+            block[0] -= m00
+            block[4] -= m11
+            block[8] -= m22
+            if place_i > place_j:
+                m01, m02, m10, m12, m20, m21 = m10, m20, m01, m21, m02, m12
+            block[1] -= m10
+            block[2] -= m20
+            block[3] -= m01
+            block[5] -= m21
+            block[6] -= m02
+            block[7] -= m12
     return chi2, values, gradient
 
 
 @njit(cache=True, nogil=True)
-def solve(starts: Int, rows: Int, lower: Float, diagonal: Float, right_sides: Float) -> None:
-    """Overwrites ``right_sides``, shape (k, size), by the k solutions of ``(I + L) D (I + L)^T x = b``."""
-    for b in right_sides:
-        for j in range(len(b)):
-            known = b[j]
-            for p in range(starts[j], starts[j + 1]):
-                b[rows[p]] -= lower[p] * known
-        for j in range(len(b) - 1, -1, -1):
-            total = b[j] / diagonal[j]
-            for p in range(starts[j], starts[j + 1]):
-                total -= lower[p] * b[rows[p]]
-            b[j] = total
-
-
-@njit(cache=True, nogil=True)
-def sparse_inverse(starts: Int, rows: Int, lower: Float, diagonal: Float) -> tuple[Float, Float]:
-    """The entries of ``((I + L) D (I + L)^T)^-1`` on the pattern of L, and its diagonal.
-
-    The equations of Takahashi, Fagan and Chen (1973), from the last column to the first: column j of the inverse is
-    ``-Z[S, S] L[S, j]`` on its own rows S. What it needs is known by then, for the rows of S below r are among the
-    rows of column r. The rows of a column rise.
-    """
-    size = len(starts) - 1
-    inverse = np.zeros(len(lower))
-    inverse_diagonal = np.empty(size)
-    product = np.zeros(size)
-    for j in range(size - 1, -1, -1):
-        first, end = starts[j], starts[j + 1]
-        count = end - first
-        product[:count] = 0.0
-        for a in range(count):
-            r = rows[first + a]
-            own = lower[first + a]
-            total = inverse_diagonal[r] * own
-            q = starts[r]
-            for b in range(a + 1, count):
-                row = rows[first + b]
-                while rows[q] != row:
-                    q += 1
-                total += inverse[q] * lower[first + b]
-                product[b] += inverse[q] * own
-            product[a] += total
-        corner = 1.0 / diagonal[j]
-        for a in range(count):
-            inverse[first + a] = -product[a]
-            corner += lower[first + a] * product[a]
-        inverse_diagonal[j] = corner
-    return inverse, inverse_diagonal
-
-
-@njit(cache=True, nogil=True)
-def diagonal_blocks(starts: Int, rows: Int, inverse: Float, inverse_diagonal: Float, places: Int) -> Float:
-    """The 3x3 diagonal blocks of the inverse, shape (size / 3, 3, 3); row u of H was ordered to ``places[u]``."""
-    blocks = np.empty((len(places) // 3, 3, 3))
-    for node in range(len(blocks)):
-        for r in range(3):
-            blocks[node, r, r] = inverse_diagonal[places[3 * node + r]]
-            for c in range(r):
-                column = min(places[3 * node + r], places[3 * node + c])
-                row = max(places[3 * node + r], places[3 * node + c])
-                p = starts[column]
-                while rows[p] != row:
-                    p += 1
-                blocks[node, r, c] = blocks[node, c, r] = inverse[p]
-    return blocks
+def move(poses: Float, nodes: Int, step: Float) -> Float:
+    """``X * d`` of the ``nodes``, whose motions ``d`` stand in ``step`` one behind the other; the others stay."""
+    moved = poses.copy()
+    for k in range(len(nodes)):
+        node = nodes[k]
+        cos, sin = np.cos(poses[node, 2]), np.sin(poses[node, 2])
+        moved[node, 0] += cos * step[3 * k] - sin * step[3 * k + 1]
+        moved[node, 1] += sin * step[3 * k] + cos * step[3 * k + 1]
+        angle = poses[node, 2] + step[3 * k + 2]
+        moved[node, 2] = angle - TURN * np.floor(angle / TURN + 0.5)
+    return moved

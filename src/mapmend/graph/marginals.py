@@ -19,16 +19,13 @@ def marginals(factorization: Factorization) -> Float:
 
     One pass of the sparse inverse subset (Takahashi equations), for all nodes at the cost of some factorizations.
     """
-    from mapmend.graph import _kernels
+    from mapmend.graph import _marginal_kernels
 
-    f = factorization
-    covariances = np.zeros((len(f.unknowns), 3, 3))
-    if len(f.diagonal):
-        inverse, diagonal = _kernels.sparse_inverse(f.starts, f.rows, f.lower, f.diagonal)
-        places = np.empty(len(f.order), dtype=np.int64)
-        places[f.order] = np.arange(len(f.order))
-        blocks = _kernels.diagonal_blocks(f.starts, f.rows, inverse, diagonal, places)
-        covariances[f.unknowns >= 0] = blocks
+    elimination, unknowns = factorization.elimination, factorization.unknowns
+    covariances = np.zeros((len(unknowns), 3, 3))
+    work = np.empty(elimination.work_size)
+    inverse = _marginal_kernels.sparse_inverse(elimination.fronts, factorization.lower, work)
+    covariances[unknowns >= 0] = inverse[elimination.diagonal_blocks()[elimination.places]]
     return covariances
 
 
@@ -42,7 +39,7 @@ def cross_covariances(factorization: Factorization, node: int) -> Float:
         raise MapmendError(f"no node {node} in a graph of {len(unknowns)}")
     covariances = np.zeros((len(unknowns), 3, 3))
     if unknowns[node] >= 0:
-        right_sides = np.zeros((len(factorization.diagonal), 3))
+        right_sides = np.zeros((factorization.size, 3))
         right_sides[3 * unknowns[node] + np.arange(3), np.arange(3)] = 1.0
         covariances[unknowns >= 0] = factorization.solve(right_sides).reshape(-1, 3, 3)
     return covariances
@@ -65,3 +62,13 @@ def relative_covariances(
     mixed = carry @ across[rows]
     relative = across[node] + carry @ covariances[rows] @ turned - mixed - np.swapaxes(mixed, -1, -2)
     return np.asarray(0.5 * (relative + np.swapaxes(relative, -1, -2)))
+
+
+def joint_covariance(factorization: Factorization, first: int, second: int) -> Float:
+    """The covariance of two nodes together, shape (6, 6): ``[[S_aa, S_ab], [S_ba, S_bb]]``; row numbers.
+
+    Raises ``MapmendError`` where there is no such node.
+    """
+    by_first, by_second = (cross_covariances(factorization, node) for node in (first, second))
+    joint = np.block([[by_first[first], by_second[first]], [by_first[second], by_second[second]]])
+    return np.asarray(0.5 * (joint + joint.T))

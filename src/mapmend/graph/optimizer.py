@@ -18,41 +18,28 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.checks import check_numbers, check_weights
+from mapmend.graph.descent import METHODS, Descent, OptimizerSettings, descend
+from mapmend.graph.gnc import graduate
 from mapmend.graph.pose_graph import Float, PoseGraph
+from mapmend.graph.robust import GraduatedNonConvexity, Kernel, Switchable
+from mapmend.graph.robust_descent import KernelDescent, SwitchDescent
 from mapmend.graph.system import Factorization, Linearization, System
 from mapmend.parallel import Progress, no_progress
 
-METHODS = ("levenberg-marquardt", "gauss-newton")
-LEAST_DAMPING, MOST_DAMPING, DAMPING_FACTOR = 1e-5, 1e8, 10.0
-
-
-@dataclass(frozen=True)
-class OptimizerSettings:
-    """``method``: "levenberg-marquardt" takes the Gauss-Newton step wherever it lowers chi2, and damps where it does
-    not; "gauss-newton" takes every step, whatever chi2 does.
-
-    ``tolerance_sigma``: done when a step is shorter than this many standard deviations of the whole solution,
-    ``sqrt(d^T H d)``, which asks nothing of units; or than ``tolerance_share`` of chi2 could gain, where chi2 is so
-    large that rounding hides the rest.
-    """
-
-    method: str = METHODS[0]
-    max_iterations: int = 100
-    tolerance_sigma: float = 1e-3
-    tolerance_share: float = 1e-9
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise MapmendError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
-        if self.max_iterations < 0:
-            raise MapmendError(f"max_iterations must not be negative, got {self.max_iterations}")
-        if not (self.tolerance_sigma >= 0.0 and self.tolerance_share >= 0.0):
-            raise MapmendError("tolerance_sigma and tolerance_share must not be negative")
-
+__all__ = [
+    "DEFAULT_SETTINGS",
+    "METHODS",
+    "OptimizationResult",
+    "OptimizerSettings",
+    "edge_chi2",
+    "edge_errors",
+    "optimize",
+]
 
 DEFAULT_SETTINGS = OptimizerSettings()
 
@@ -61,13 +48,20 @@ DEFAULT_SETTINGS = OptimizerSettings()
 class OptimizationResult:
     """``poses``: shape (n, 3), ``T_map_robot``, angles of the moved nodes in [-pi, pi).
 
-    ``iterations`` counts the steps that were tried. ``seconds``: "analyse" for checks and pattern, "solve" from the
-    first linearization to the last update, ordering included. ``system`` serves the same edges again.
+    ``chi2_initial`` and ``chi2_final`` are those of all edges, at the given poses and at these, whatever a kernel makes
+    of them; ``cost_initial`` and ``cost_final`` what was made small, the same where there is no kernel.
+    ``edge_weights``: shape (m,), the kernel's factors on the information, 1 where an edge has none
+    (``robust.distrusted``). ``iterations`` counts the steps that were tried. ``seconds``: "analyse" for checks and
+    pattern, "solve" from the first linearization to the last update, ordering included. ``system`` serves the same
+    edges again.
     """
 
     poses: Float
     chi2_initial: float
     chi2_final: float
+    cost_initial: float
+    cost_final: float
+    edge_weights: Float
     iterations: int
     converged: bool
     seconds: dict[str, float]
@@ -90,12 +84,15 @@ def optimize(
     *,
     weights: Float | None = None,
     system: System | None = None,
+    kernel: Kernel | None = None,
+    doubted: NDArray[np.bool_] | None = None,
 ) -> OptimizationResult:
     """The optimum nearest ``graph.poses``; the fixed nodes stay.
 
     ``weights``: shape (m,), factors on the edges' information. ``system``: that of an earlier result over the same
-    edges and fixed nodes, which saves ordering and analysis. Raises ``MapmendError`` for numbers that are not finite,
-    information that is not positive definite, and nodes that no edges tie to a fixed one.
+    edges and fixed nodes, which saves ordering and analysis. ``kernel``: what the edges cost that may be false, which
+    ``doubted`` says, bool of shape (m,), by default the loop edges. Raises ``MapmendError`` for numbers that are not
+    finite, information that is not positive definite, and nodes that no edges tie to a fixed one.
     """
     began = time.perf_counter()
     check_numbers(graph)
@@ -103,66 +100,47 @@ def optimize(
     if weights is not None:
         check_weights(graph, weights)
         information = information * weights[:, None, None]
+    doubted = graph.is_loop if doubted is None else doubted
+    if doubted.shape != graph.is_loop.shape or doubted.dtype != np.bool_:
+        raise MapmendError(f"doubted must be bool of shape {graph.is_loop.shape}, got {doubted.dtype} {doubted.shape}")
     if system is None:
         system = System(graph)
     elif not system.matches(graph):
         raise MapmendError("the system given was made for other edges or other fixed nodes")
     analysed = time.perf_counter()
-    descent = _Descent(system, graph, information)
-    chi2_initial = descent.here.chi2
-    if not np.isfinite(chi2_initial):
+    descent = _descent(system, graph, information, kernel, doubted)
+    chi2_initial, cost_initial = descent.chi2, descent.cost
+    if not (np.isfinite(chi2_initial) and np.isfinite(cost_initial)):
         raise MapmendError("chi2 at the given poses is not finite: some numbers are too large to square")
-    iterations, converged = _descend(descent, settings, progress)
+    if isinstance(kernel, GraduatedNonConvexity) and isinstance(descent, KernelDescent):
+        iterations, converged = graduate(descent, kernel, settings, progress)
+    else:
+        iterations, converged = descend(descent, settings, progress)
     seconds = {"analyse": analysed - began, "solve": time.perf_counter() - analysed}
     return OptimizationResult(
-        descent.poses, chi2_initial, descent.here.chi2, iterations, converged, seconds, system, descent.here
+        descent.poses,
+        chi2_initial,
+        descent.chi2,
+        cost_initial,
+        descent.cost,
+        descent.weights(),
+        iterations,
+        converged,
+        seconds,
+        system,
+        descent.here,
     )
 
 
-def _descend(descent: _Descent, settings: OptimizerSettings, progress: Progress) -> tuple[int, bool]:
-    """Steps until one is too short to matter; how many, and whether it came to that."""
-    if not descent.system.size:
-        return 0, True
-    damping = 0.0
-    for iteration in range(settings.max_iterations):
-        step, gain = descent.propose(damping)
-        enough = max(settings.tolerance_sigma**2, settings.tolerance_share * descent.here.chi2)
-        converged = damping < 1.0 and gain <= enough
-        if descent.take(step, whatever=settings.method == "gauss-newton"):
-            damping = damping / DAMPING_FACTOR if damping > LEAST_DAMPING else 0.0
-        else:
-            damping = max(LEAST_DAMPING, damping * DAMPING_FACTOR)
-        progress("optimize", iteration + 1, settings.max_iterations)
-        if converged:
-            return iteration + 1, True
-        if damping > MOST_DAMPING:
-            return iteration + 1, False
-    return settings.max_iterations, False
-
-
-class _Descent:
-    """Where the optimizer stands."""
-
-    def __init__(self, system: System, graph: PoseGraph, information: Float) -> None:
-        self.system = system
-        self.measurements = graph.measurements
-        self.information = information
-        self.poses = graph.poses.copy()
-        self.here = system.linearize(self.poses, self.measurements, information)
-
-    def propose(self, damping: float) -> tuple[Float, float]:
-        """The damped step, shape (size,), and how far it goes downhill: ``d^T H d``, if undamped."""
-        step = self.system.factorize(self.here.values, damping).solve(-self.here.gradient)
-        return step, -float(step @ self.here.gradient)
-
-    def take(self, step: Float, whatever: bool) -> bool:
-        """Moves by the step if chi2 doesn't rise by it, or ``whatever`` it does; says whether it moved."""
-        poses = self.system.move(self.poses, step)
-        there = self.system.linearize(poses, self.measurements, self.information)
-        if not (there.chi2 <= self.here.chi2 or (whatever and np.isfinite(there.chi2))):
-            return False
-        self.poses, self.here = poses, there
-        return True
+def _descent(
+    system: System, graph: PoseGraph, information: Float, kernel: Kernel | None, doubted: NDArray[np.bool_]
+) -> Descent:
+    """The start: a descent without kernel, with one, or with one that has variables of its own."""
+    if kernel is None or not doubted.any():
+        return Descent(system, graph, information)
+    if isinstance(kernel, Switchable):
+        return SwitchDescent(system, graph, information, kernel, doubted)
+    return KernelDescent(system, graph, information, kernel, doubted)
 
 
 def edge_errors(graph: PoseGraph) -> Float:

@@ -7,13 +7,14 @@ that the inverse of H holds covariances in the sense of ``geometry.se2``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from mapmend.errors import MapmendError
-from mapmend.geometry import se2
 from mapmend.graph.checks import check_connections, same_pattern
+from mapmend.graph.elimination import Elimination, analyse
 from mapmend.graph.pose_graph import Float, Int, PoseGraph
 
 # Below this share of its diagonal entry, a pivot is what rounding left of a subtraction.
@@ -24,7 +25,7 @@ KERNEL_ARRAYS: tuple[Literal["C"], Literal["W"]] = ("C", "W")
 
 @dataclass(frozen=True)
 class Linearization:
-    """``chi2`` at some poses, the upper triangle of H there (CSC values) and the gradient, shape (size,)."""
+    """``chi2`` at some poses, the blocks of H there (``_kernels.linearize``) and the gradient, shape (size,)."""
 
     chi2: float
     values: Float
@@ -33,32 +34,32 @@ class Linearization:
 
 @dataclass(frozen=True)
 class Factorization:
-    """``H[order][:, order] = (I + L) D (I + L)^T``; L by columns, the rows of each rising.
+    """``H = L L^T``, the nodes in the order of the elimination; ``lower``: the numbers of L (``Fronts``).
 
     ``unknowns``: shape (n,), which three rows of H a node has, -1 where it is fixed.
     """
 
-    starts: Int
-    rows: Int
+    elimination: Elimination
     lower: Float
-    diagonal: Float
-    order: Int
     unknowns: Int
+
+    @property
+    def size(self) -> int:
+        """How many unknowns there are."""
+        return 3 * len(self.elimination.order)
 
     def solve(self, right_sides: Float) -> Float:
         """``H^-1 b`` for ``b`` of shape (size,) or (size, k)."""
-        from mapmend.graph import _kernels
+        from mapmend.graph import _factor_kernels
 
-        solution = np.zeros(right_sides.shape)
-        if len(self.order):
-            ordered = np.array(right_sides[self.order].reshape(len(self.order), -1).T, dtype=np.float64, order="C")
-            _kernels.solve(self.starts, self.rows, self.lower, self.diagonal, ordered)
-            solution[self.order] = ordered.T.reshape(right_sides.shape)
-        return solution
+        columns = right_sides.reshape(len(self.elimination.order), 3, -1)
+        ordered = np.array(columns[self.elimination.order].transpose(2, 0, 1), dtype=np.float64, order="C")
+        _factor_kernels.solve(self.elimination.fronts, self.lower, ordered.reshape(len(ordered), -1))
+        return ordered[:, self.elimination.places].transpose(1, 2, 0).reshape(right_sides.shape)
 
 
 class System:
-    """The pattern of a graph's normal equations, and the factorization that follows the pattern.
+    """The pattern of a graph's normal equations, and the elimination that follows the pattern.
 
     Made from the nodes, edges and fixed nodes alone: poses, measurements and information may change between solves.
     Raises ``MapmendError`` where the pattern leaves a node loose.
@@ -75,32 +76,28 @@ class System:
         self.unknowns = np.full(len(graph), -1, dtype=np.int64)
         self.unknowns[self.nodes] = np.arange(len(self.nodes))
         self.size = 3 * len(self.nodes)
-        self._lay_out_blocks()
-        self._solver: Any = None
 
-    def _lay_out_blocks(self) -> None:
-        """The columns of the upper triangle: the blocks above the diagonal by row, then the diagonal's own."""
-        count = len(self.nodes)
-        ends = self.unknowns[self.edges]
-        inner = (ends >= 0).all(axis=1)
-        upper, right = ends[inner].min(axis=1), ends[inner].max(axis=1)
-        keys, block_of_edge = np.unique(right * count + upper, return_inverse=True)
-        block_rows, block_columns = keys % max(count, 1), keys // max(count, 1)
-        blocks_above = np.bincount(block_columns, minlength=count)
-        first_block = np.cumsum(blocks_above) - blocks_above
-        ranks = np.arange(len(keys)) - first_block[block_columns]
-        self.block_ranks = np.zeros(len(self.edges), dtype=np.int64)
-        self.block_ranks[inner] = ranks[block_of_edge]
+    @cached_property
+    def elimination(self) -> Elimination:
+        """The order and all that follows from it, made when first needed."""
+        return analyse(self.unknowns[self.edges], len(self.nodes))
 
-        lengths = 3 * blocks_above[:, None] + np.array([1, 2, 3])
-        self.column_starts = np.concatenate(([0], np.cumsum(lengths))).astype(np.int64)
-        self.row_indices = np.empty(self.column_starts[-1], dtype=np.int64)
-        for column in range(3):
-            heads = self.column_starts[column:-1:3]
-            for row in range(3):
-                self.row_indices[heads[block_columns] + 3 * ranks + row] = 3 * block_rows + row
-            for row in range(column + 1):
-                self.row_indices[heads + 3 * blocks_above + row] = 3 * np.arange(count) + row
+    @cached_property
+    def places(self) -> Int:
+        """The place of each node in the elimination, shape (n,), -1 where it is fixed."""
+        places = np.full(len(self.unknowns), -1, dtype=np.int64)
+        places[self.nodes] = self.elimination.places
+        return places
+
+    @cached_property
+    def _work(self) -> Float:
+        """Room for the updates, the same for every factorization."""
+        return np.empty(self.elimination.work_size)
+
+    @cached_property
+    def _lower(self) -> Float:
+        """Room for a factor that is used once."""
+        return np.empty(self.elimination.lower_size)
 
     def matches(self, graph: PoseGraph) -> bool:
         """Whether this analysis holds for the graph."""
@@ -115,45 +112,40 @@ class System:
             self.edges,
             np.require(measurements, np.float64, KERNEL_ARRAYS),
             np.require(information, np.float64, KERNEL_ARRAYS),
-            self.unknowns,
-            self.column_starts,
-            self.block_ranks,
+            self.places,
+            self.elimination.block_of_edge,
+            len(self.nodes),
+            len(self.elimination.fronts.block_rows),
         )
-        return Linearization(chi2, values, gradient)
+        return Linearization(chi2, values, gradient.reshape(-1, 3)[self.elimination.places].ravel())
 
     def move(self, poses: Float, step: Float) -> Float:
         """``X * d`` for every node that is not fixed; ``step`` has shape (size,)."""
-        moved = poses.copy()
-        moved[self.nodes] = se2.compose(poses[self.nodes], step.reshape(-1, 3))
-        return moved
+        from mapmend.graph import _kernels
+
+        poses = np.require(poses, np.float64, KERNEL_ARRAYS)
+        return _kernels.move(poses, self.nodes, np.require(step, np.float64, KERNEL_ARRAYS))
 
     def factorize(self, values: Float, damping: float = 0.0) -> Factorization:
-        """L and D of ``H + damping * diag(H)``; ordered and analysed the first time, refilled afterwards.
+        """L of ``H + damping * diag(H)``; one at a time, for the room that it takes meanwhile is the system's own.
 
         Raises ``MapmendError`` where a pivot is not positive, or so small that only rounding is left of it.
         """
-        import qdldl
-        from scipy.sparse import csc_matrix
+        return self._factorize(values, damping, np.empty(self.elimination.lower_size))
 
-        if not self.size:
-            empty = np.zeros(0, dtype=np.int64)
-            return Factorization(np.zeros(1, dtype=np.int64), empty, np.zeros(0), np.zeros(0), empty, self.unknowns)
-        ends = self.column_starts[1:] - 1
-        if damping:
-            values = values.copy()
-            values[ends] *= 1.0 + damping
-        matrix = csc_matrix((values, self.row_indices, self.column_starts), shape=(self.size, self.size))
-        try:
-            if self._solver is None:
-                self._solver = qdldl.Solver(matrix, upper=True)
-            else:
-                self._solver.update(matrix, upper=True)
-        except RuntimeError as error:  # qdldl met a pivot of exactly zero
-            self._solver = None
-            raise MapmendError("the graph's equations are singular: some edges carry no weight") from error
-        L, D, order = self._solver.factors()
-        weak = ~(SMALLEST_PIVOT * values[ends][order] < D)
-        if weak.any():
-            node = self.ids[self.nodes[order[np.argmax(weak)] // 3]]
+    def solve(self, values: Float, right_side: Float, damping: float = 0.0) -> Float:
+        """What ``factorize(values, damping).solve(right_side)`` gives, in memory that the next call takes again.
+
+        New memory costs more than the numbers that go into it: the machine clears it page by page.
+        """
+        return self._factorize(values, damping, self._lower).solve(right_side)
+
+    def _factorize(self, values: Float, damping: float, lower: Float) -> Factorization:
+        from mapmend.graph import _factor_kernels
+
+        fronts = self.elimination.fronts
+        weak = _factor_kernels.factorize(values, 1.0 + damping, SMALLEST_PIVOT, fronts, lower, self._work)
+        if weak >= 0:
+            node = self.ids[self.nodes[self.elimination.order[weak]]]
             raise MapmendError(f"the graph's equations are singular to rounding: nothing holds node {node} in place")
-        return Factorization(L.indptr, L.indices, L.data, D, order, self.unknowns)
+        return Factorization(self.elimination, lower, self.unknowns)

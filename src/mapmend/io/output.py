@@ -47,6 +47,18 @@ def check_writable(directory: str | Path) -> None:
         raise _not_written(target, error) from None
 
 
+def check_file_writable(path: str | Path) -> None:
+    """Raise OutputError now if `write_whole` could not put a file at ``path``: before long work starts."""
+    target = Path(path)
+    try:
+        if target.is_dir():
+            raise OutputError(f"{target}: is a directory; name a file")
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except (OSError, ValueError) as error:
+        raise _not_written(target, error) from None
+
+
 @contextmanager
 def whole_or_nothing(directory: str | Path) -> Iterator[Path]:
     """Give a folder to write into, which becomes ``directory`` at the end; after any failure nothing of it is left.

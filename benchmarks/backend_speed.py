@@ -1,0 +1,223 @@
+"""The back end beside GTSAM 4.3 and g2o: seconds to solve public graphs and generated grid worlds, in one run.
+
+All take the same number of Gauss-Newton steps from the same poses, namely as many as mapmend needs by its own rule, ten
+at most. "solve" is all from the first linearization to the last update, ordering included. "whole" is from a file to
+poses in memory, by each library's own reader; g2o-python has none, and its "whole" begins with numbers in memory.
+"again" is mapmend's second solve of a graph with other weights, from the optimum, over the solve before it.
+"marginals" are those of all nodes.
+
+g2o-python 0.0.12 has a wheel for CPython 3.11 only and needs NumPy 1, so it lives in an environment of its own:
+
+    python3.11 -m venv g2o-env
+    g2o-env/bin/pip install g2o-python==0.0.12 'numpy<2'
+    python benchmarks/backend_speed.py --g2o-python g2o-env/bin/python
+
+Without it its columns stay empty. LinearSolverEigenSE2 is the fastest of its solvers: LinearSolverPCGSE2 took twice
+as long on M3500 and 70 times as long on bicocca25b_0.000 (``--g2o-solver``), the dense one squares the nodes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gtsam
+import numpy as np
+from _measure import data_parser, markdown, run, stop
+from grid_world import grid_world
+
+from mapmend.graph.marginals import marginals
+from mapmend.graph.optimizer import OptimizerSettings, optimize
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.graph.starts import starting_poses
+from mapmend.io.g2o import read_g2o, write_g2o
+from mapmend.io.graph_lines import parse_graph
+from mapmend.io.reader import read_bytes
+
+PUBLIC = (
+    "posegraphs/intel.g2o.gz",
+    "posegraphs/M3500.g2o.gz",
+    "posegraphs/M3500a.g2o.gz",
+    "posegraphs/ringCity.g2o.gz",
+    "posegraphs/bicocca25b_0.000.g2o.gz",
+    "posegraphs/bicocca25b_0.200.g2o.gz",
+    "posegraphs/bicocca25b_0.500.g2o.gz",
+    "scangraphs/intel.toro.gz",
+    "scangraphs/fr079.toro.gz",
+    "scangraphs/killian.g2o.gz",
+)
+GENERATED = {"grid 10,000": (10_000, 64_000), "grid 100,000": (100_000, 220_000)}
+CHORDAL = ("posegraphs/M3500a.g2o.gz",)  # from its given poses every Gauss-Newton diverges
+MOST_STEPS = 10
+MOST_NODES_FOR_MARGINALS = 10_000
+HEAD = (
+    "graph",
+    "nodes",
+    "edges",
+    "steps",
+    "solve [ms]",
+    "GTSAM",
+    "g2o",
+    "GTSAM / ours",
+    "g2o / ours",
+    "whole [ms]",
+    "GTSAM",
+    "g2o",
+    "again",
+    "marginals [ms]",
+    "GTSAM",
+    "chi2",
+    "GTSAM",
+    "g2o",
+)
+
+
+def main() -> None:
+    parser = data_parser(__doc__)
+    parser.add_argument(
+        "--graphs", nargs="+", metavar="NAME", help="those whose names hold one of these (default: all)"
+    )
+    parser.add_argument("--runs", type=int, default=9, metavar="N", help="runs after a warm-up (default: 9)")
+    parser.add_argument(
+        "--g2o-python",
+        default=os.environ.get("MAPMEND_G2O_PYTHON"),
+        metavar="PATH",
+        help="an interpreter with g2o-python (default: what MAPMEND_G2O_PYTHON names)",
+    )
+    parser.add_argument("--g2o-solver", default="LinearSolverEigenSE2", metavar="NAME", help="its solver of H x = b")
+    options = parser.parse_args()
+    if not options.data:
+        stop("name the folder with posegraphs/ and scangraphs/, or set MAPMEND_DATA")
+    names = [n for n in (*PUBLIC, *GENERATED) if not options.graphs or any(part in n for part in options.graphs)]
+    if not options.g2o_python:
+        print("g2o is left out: name an interpreter that has it (--g2o-python; --help says how to make one)\n")
+    print(markdown(HEAD, []), flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names:
+            print(f"| {' | '.join(row(name, Path(folder) / 'graph.g2o', options))} |", flush=True)
+
+
+def row(name: str, file: Path, options: argparse.Namespace) -> tuple[str, ...]:
+    """One graph's line; ``file`` is where all three read it."""
+    write_g2o(file, load(name, options.data))
+    lines = file.read_text().splitlines(keepends=True)
+    # GTSAM's reader finds no edges behind a comment.
+    file.write_text("".join(line for line in lines if line.startswith(("VERTEX_SE2", "EDGE_SE2"))))
+    graph = read_g2o(file)
+    steps = min(MOST_STEPS, max(1, optimize(graph, OptimizerSettings("gauss-newton", MOST_STEPS)).iterations))
+    settings = OptimizerSettings("gauss-newton", steps, 0.0, 0.0)
+    rounds = [one_round(file, graph, settings) for _ in range(options.runs + 1)][1:]
+    middle = {key: statistics.median(r[key] for r in rounds) for key in rounds[0]}
+    theirs: dict[str, Any] = {}
+    if options.g2o_python:
+        child = str(Path(__file__).with_name("_g2o_child.py"))
+        told = run([options.g2o_python, child, str(file), str(steps), str(options.runs), options.g2o_solver])
+        theirs = json.loads(told.output)
+    g2o_solve, g2o_whole = (statistics.median(theirs[key]) if theirs else float("nan") for key in ("solve", "whole"))
+    numbers = (
+        middle["solve"] * 1e3,
+        middle["gtsam_solve"] * 1e3,
+        g2o_solve * 1e3,
+        middle["gtsam_solve"] / middle["solve"],
+        g2o_solve / middle["solve"],
+        middle["whole"] * 1e3,
+        middle["gtsam_whole"] * 1e3,
+        g2o_whole * 1e3,
+        middle["again"],
+        middle["marginals"] * 1e3,
+        middle["gtsam_marginals"] * 1e3,
+    )
+    chi2 = (middle["chi2"], middle["gtsam_chi2"], theirs.get("chi2", float("nan")))
+    cells = [f"{number:.2f}" if np.isfinite(number) else "" for number in numbers]
+    cells += [f"{number:.4f}" if np.isfinite(number) else "" for number in chi2]
+    return (name, f"{len(graph):,}", f"{len(graph.edges):,}", str(steps), *cells)
+
+
+def load(name: str, data: str) -> PoseGraph:
+    """The graph with the poses that all start from."""
+    if name in GENERATED:
+        return grid_world(*GENERATED[name])
+    path = Path(data) / name
+    if not path.is_file():
+        stop(f"no {path}; name the folder with posegraphs/ and scangraphs/, or set MAPMEND_DATA")
+    graph = parse_graph(read_bytes(path), str(path))
+    return graph.with_poses(starting_poses(graph, "chordal")) if name in CHORDAL else graph
+
+
+def one_round(file: Path, graph: PoseGraph, settings: OptimizerSettings) -> dict[str, float]:
+    """Seconds, and chi2, of mapmend and of GTSAM, one after the other."""
+    whole_s, result = timed(lambda: optimize(read_g2o(file), settings))
+    weights = np.where(graph.is_loop, np.random.default_rng(0).uniform(0.5, 1.0, len(graph.edges)), 1.0)
+    first, again = first_and_again(graph, weights)
+    marginals_s, gtsam_marginals_s = float("nan"), float("nan")
+    small = len(graph) <= MOST_NODES_FOR_MARGINALS
+    if small:
+        factorization = result.factorization
+        marginals_s, _ = timed(lambda: marginals(factorization))
+    gtsam_whole_s, (gtsam_solve_s, factors, values) = timed(lambda: solve_with_gtsam(file, settings.max_iterations))
+    if small:
+        gtsam_marginals_s, _ = timed(lambda: gtsam_marginals(factors, values))
+    return {
+        "solve": result.seconds["solve"],
+        "whole": whole_s,
+        "chi2": result.chi2_final,
+        "again": again / first,
+        "marginals": marginals_s,
+        "gtsam_solve": gtsam_solve_s,
+        "gtsam_whole": gtsam_whole_s,
+        "gtsam_chi2": 2.0 * factors.error(values),
+        "gtsam_marginals": gtsam_marginals_s,
+    }
+
+
+def first_and_again(graph: PoseGraph, weights: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """Seconds of a first call, to its own end, and of one with other weights that begins where the first ended."""
+    first_s, first = timed(lambda: optimize(graph, OptimizerSettings(max_iterations=MOST_STEPS)))
+    solved = graph.with_poses(first.poses)
+    limit = OptimizerSettings(max_iterations=MOST_STEPS)
+    again_s, _ = timed(lambda: optimize(solved, limit, weights=weights, system=first.system))
+    return first_s, again_s
+
+
+def solve_with_gtsam(file: Path, steps: int) -> tuple[float, Any, Any]:
+    """Its seconds for ordering and that many steps, its factors, and where it ended."""
+    factors, start = gtsam.readG2o(str(file), False)
+    first = min(start.keys())
+    factors.add(gtsam.PriorFactorPose2(first, start.atPose2(first), gtsam.noiseModel.Isotropic.Sigma(3, 1e-6)))
+    began = time.perf_counter()
+    optimizer = gtsam.GaussNewtonOptimizer(factors, start, gtsam.GaussNewtonParams())
+    for _ in range(steps):
+        optimizer.iterate()
+    solve_s = time.perf_counter() - began
+    values = optimizer.values()
+    gtsam.utilities.extractPose2(values)
+    return solve_s, factors, values
+
+
+def gtsam_marginals(factors: Any, values: Any) -> list[Any]:
+    found = gtsam.Marginals(factors, values)
+    keys = values.keys()
+    return [found.marginalCovariance(key) for key in keys]
+
+
+def timed(work: Callable[[], Any]) -> tuple[float, Any]:
+    """Seconds, and what came of it; the collector of garbage waits."""
+    gc.collect()
+    gc.disable()
+    began = time.perf_counter()
+    result = work()
+    seconds = time.perf_counter() - began
+    gc.enable()
+    return seconds, result
+
+
+if __name__ == "__main__":
+    main()

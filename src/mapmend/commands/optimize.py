@@ -1,0 +1,140 @@
+"""``mapmend optimize``: a pose graph in, the same graph at its optimum out."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapmend.commands.console import ProgressBar, print_json, table, told_compiling
+from mapmend.errors import InputError, MapmendError
+from mapmend.graph.optimizer import OptimizationResult, edge_chi2, optimize
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.graph.robust import DISTRUST_WEIGHT, Kernel, distrusted, kernel_of
+from mapmend.graph.starts import starting_poses
+from mapmend.graph.system import System
+from mapmend.io.files import read_bytes
+from mapmend.io.g2o import write_g2o
+from mapmend.io.graph_lines import parse_graph
+from mapmend.io.output import check_file_writable
+from mapmend.io.reader import recognise
+from mapmend.io.toro import write_toro
+
+WRITERS = {"g2o": write_g2o, "toro": write_toro}
+SUFFIXES = {".g2o": "g2o", ".toro": "toro", ".graph": "toro"}
+PACKED = (".gz", ".bz2")
+MOST_ROWS = 20
+
+
+def run(options: Namespace) -> int:
+    """Reads, optimizes, writes; what can't end well is refused before the work begins."""
+    kernel = kernel_of(options.kernel, options.phi)
+    if kernel is None and (options.phi is not None or options.all_edges):
+        raise MapmendError("--phi and --all-edges say how a kernel doubts; name one with --kernel")
+    if Path(options.output).suffix in PACKED:
+        raise MapmendError(f"{options.output}: graphs are written plain; name it without {Path(options.output).suffix}")
+    check_file_writable(options.output)
+    began = time.perf_counter()
+    graph, written_as = read_graph(options.graph)
+    seconds = {"read": time.perf_counter() - began}
+    with ProgressBar() as progress, told_compiling() as compiling:
+        given_chi2 = float(edge_chi2(graph).sum())
+        began = time.perf_counter()
+        system = System(graph)
+        seconds["analyse"] = time.perf_counter() - began
+        began = time.perf_counter()
+        start = graph.with_poses(starting_poses(graph, options.init, system))
+        seconds["start"] = time.perf_counter() - began
+        doubted = np.ones_like(graph.is_loop) if options.all_edges else graph.is_loop
+        result = optimize(start, progress=progress, system=system, kernel=kernel, doubted=doubted)
+    optimized = graph.with_poses(result.poses)
+    seconds["analyse"] += result.seconds["analyse"]
+    seconds |= {"solve": result.seconds["solve"], "compile": compiling.seconds}
+    began = time.perf_counter()
+    WRITERS[SUFFIXES.get(Path(options.output).suffix, written_as)](options.output, optimized)
+    seconds["write"] = time.perf_counter() - began
+    values = _values(options, kernel, optimized, result, given_chi2) | {"seconds": seconds}
+    if options.json:
+        print_json(values)
+    else:
+        print("\n".join(_lines(values)))
+    return 0
+
+
+def read_graph(path: str) -> tuple[PoseGraph, str]:
+    """The graph in a file, and whether its lines are g2o's or TORO's; raises InputError for other content."""
+    data = read_bytes(path)
+    if recognise(data, path) != "graph":
+        raise InputError(path, "holds no pose graph", "name a g2o or TORO graph")
+    written_as = "toro" if b"VERTEX2 " in data else "g2o"
+    return parse_graph(data, path), written_as
+
+
+def _values(
+    options: Namespace, kernel: Kernel | None, graph: PoseGraph, result: OptimizationResult, given_chi2: float
+) -> dict[str, Any]:
+    """What ``--json`` prints, but for the seconds."""
+    rows, chi2 = distrusted(result.edge_weights), edge_chi2(graph)
+    loops = graph.is_loop
+    return {
+        "graph": options.graph,
+        "output": options.output,
+        "nodes": len(graph),
+        "edges": len(graph.edges),
+        "loops": int(loops.sum()),
+        "kernel": options.kernel,
+        "phi": None if kernel is None else kernel.phi,
+        "init": options.init,
+        "chi2_initial": given_chi2,
+        "chi2_start": result.chi2_initial,
+        "chi2_final": result.chi2_final,
+        "cost_initial": result.cost_initial,
+        "cost_final": result.cost_final,
+        "iterations": result.iterations,
+        "converged": result.converged,
+        "distrusted": [
+            {"edge": row, "from": i, "to": j, "chi2": float(chi2[row]), "weight": float(result.edge_weights[row])}
+            for row, (i, j) in zip(rows.tolist(), graph.ids[graph.edges[rows]].tolist(), strict=True)
+        ],
+    }
+
+
+def _lines(values: dict[str, Any]) -> list[str]:
+    """The same for people."""
+    seconds = values["seconds"]
+    spent = {name: value for name, value in seconds.items() if name != "compile"}
+    compiled = f"; {seconds['compile']:.1f} of them compiling" if seconds["compile"] else ""
+    parts = ", ".join(f"{name} {value:.3f}" for name, value in spent.items())
+    state = "converged" if values["converged"] else "not converged"
+    lines = [
+        f"{values['graph']}: {values['nodes']} nodes, {values['edges']} edges, {values['loops']} of them loops",
+        f"  chi2: {values['chi2_initial']:.3f} before, {values['chi2_final']:.3f} after, "
+        f"{values['iterations']} iterations, {state}",
+    ]
+    if values["init"] != "given":
+        lines.append(f"  start: {values['init']}, chi2 {values['chi2_start']:.3f}")
+    if values["phi"] is not None:
+        lines.append(
+            f"  kernel {values['kernel']}, phi {values['phi']:g}: cost {values['cost_initial']:.3f} before, "
+            f"{values['cost_final']:.3f} after"
+        )
+    lines += _distrust_lines(values["distrusted"]) if values["phi"] is not None else []
+    return [*lines, f"  seconds: {sum(spent.values()):.3f} ({parts}{compiled})", f"  graph: {values['output']}"]
+
+
+def _distrust_lines(rows: list[dict[str, Any]]) -> list[str]:
+    """The edges least trusted, the worst first."""
+    lines = [f"  distrusts {len(rows)} edges (weight below {DISTRUST_WEIGHT:g})"]
+    worst = sorted(rows, key=lambda row: (row["weight"], -row["chi2"]))[:MOST_ROWS]
+    if worst:
+        cells = [
+            (f"{row['from']} -> {row['to']}", str(row["edge"]), f"{row['chi2']:.1f}", f"{row['weight']:.2g}")
+            for row in worst
+        ]
+        lines += [f"    {line}" for line in table(("nodes", "edge", "chi2", "weight"), cells).splitlines()]
+    if len(rows) > len(worst):
+        lines.append(f"    and {len(rows) - len(worst)} more; --json names all")
+    return lines

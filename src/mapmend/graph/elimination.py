@@ -1,0 +1,97 @@
+"""How a pattern is eliminated: the order of the nodes, the fronts, and where each number of H and of L stands.
+
+Made from the edges alone, node by node and not unknown by unknown, which is a third of the size in each direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.graph.pose_graph import Int
+
+Unsigned = NDArray[np.uint64]
+
+# Runs of at most so many nodes are made of whatever is next to each other, wider ones while at most that share of
+# their blocks are zeros.
+NARROW, ZERO_SHARE = 2, 0.1
+
+
+class Fronts(NamedTuple):
+    """The runs of places that are eliminated together; unsigned whole numbers, -1 turned into the largest.
+
+    ``firsts``: the first place of each run, and the end. ``first_child``, ``next_child``: the tree of the runs.
+    The block rows below run s are the places ``rows[row_starts[s] : row_starts[s + 1]]``, rising; in the front of the
+    parent they are the block rows ``in_parent``. ``panel_starts``, ``update_starts``: where the numbers of each stand
+    in L and in the workspace, and the end. H holds the diagonal blocks by place, then the blocks below them: column by
+    column from ``block_starts``, at the block rows ``block_rows`` of the column's front. A block stands by columns.
+    """
+
+    firsts: Unsigned
+    first_child: Unsigned
+    next_child: Unsigned
+    row_starts: Unsigned
+    rows: Unsigned
+    in_parent: Unsigned
+    panel_starts: Unsigned
+    update_starts: Unsigned
+    block_starts: Unsigned
+    block_rows: Unsigned
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """``order``: which vertex comes when, shape (count,); ``places``: the other way round.
+
+    ``block_of_edge``: shape (m,), which block below the diagonal of H an edge adds to, -1 where an end is fixed.
+    """
+
+    order: Int
+    places: Int
+    block_of_edge: Int
+    fronts: Fronts
+
+    @property
+    def lower_size(self) -> int:
+        """How many numbers L holds."""
+        return int(self.fronts.panel_starts[-1])
+
+    @property
+    def work_size(self) -> int:
+        """How many numbers the updates hold that wait at a time."""
+        return int(self.fronts.update_starts[-1])
+
+    def diagonal_blocks(self) -> Int:
+        """Where the 3 x 3 diagonal block of each place stands in the panels, shape (count, 3, 3)."""
+        firsts, rows = self.fronts.firsts.view(np.int64), np.diff(self.fronts.row_starts.view(np.int64))
+        widths = np.diff(firsts)
+        run = np.repeat(np.arange(len(widths)), widths)
+        column = 3 * (np.arange(len(run)) - firsts[run])
+        heights = 3 * (widths + rows)[run]
+        corners = self.fronts.panel_starts.view(np.int64)[run] + column * (heights + 1)
+        three = np.arange(3)
+        return np.asarray(corners[:, None, None] + three[:, None] + heights[:, None, None] * three)
+
+
+def analyse(ends: Int, count: int) -> Elimination:
+    """The elimination of ``count`` vertices that edges join, ``ends``: shape (m, 2), negative where an end is fixed."""
+    from mapmend.graph import _ordering_kernels as ordering
+    from mapmend.graph import _symbolic_kernels as symbolic
+
+    starts, neighbours = ordering.adjacency(ends, count)
+    order = ordering.minimum_degree(starts, neighbours)
+    order, parents, blocks = ordering.postorder(order, *ordering.elimination_tree(starts, neighbours, order))
+    places = np.empty(count, dtype=np.int64)
+    places[order] = np.arange(count)
+    firsts, run_parents = symbolic.supernodes(parents, blocks, NARROW, ZERO_SHARE)
+    row_starts, rows, in_parent = symbolic.fill_in(starts, neighbours, order, places, firsts, run_parents)
+    block_of_edge, block_starts, block_rows = symbolic.block_layout(ends, places, firsts, row_starts, rows)
+    first_child, next_child = symbolic.children(run_parents)
+    panel_starts, update_starts = symbolic.storage(firsts, run_parents, row_starts)
+    tree = (firsts, first_child, next_child)
+    numbers = (row_starts, rows, in_parent, panel_starts, update_starts, block_starts, block_rows)
+    fronts = Fronts._make(array.view(np.uint64) for array in (*tree, *numbers))
+    return Elimination(order, places, block_of_edge, fronts)
