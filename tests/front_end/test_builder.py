@@ -7,7 +7,9 @@ import pytest
 
 from mapmend.config import Config
 from mapmend.front_end.builder import FrontEnd
+from mapmend.front_end.motion import odometry_covariance
 from mapmend.geometry import se2
+from mapmend.matching.gauss_newton import Match
 from mapmend.simulation import OdometryModel, SlipEvent, World, corridor_loop, simulate
 from tests.front_end.logs import (
     BENT,
@@ -202,3 +204,34 @@ def test_edges_carry_symmetric_positive_information():
     information = state.pose_graph().information
     np.testing.assert_allclose(information, np.swapaxes(information, -1, -2), rtol=1e-6)
     assert np.all(np.linalg.eigvalsh(0.5 * (information + np.swapaxes(information, -1, -2))) > 0.0)
+
+
+def edge_of(score, stiffness):
+    """Covariance and drift of an edge of 0.3 m between two matches alike, and the odometry's covariance."""
+    front_end = FrontEnd(drive(BUILDING).log, Config())
+    front_end._motion_since_node = np.array([0.3, 0.0, 0.0])
+    match = Match(np.zeros(3), score, 100, np.diag(stiffness), 0.01)
+    front_end._covariance_at_node = match.covariance()
+    odometry = odometry_covariance(front_end._motion_since_node, front_end.config.motion)
+    return (*front_end._edge_covariance(match), odometry)
+
+
+def test_below_the_least_score_an_edge_takes_on_the_odometrys_covariance():
+    """IGO (2): by how much the score is below 0.85, as a share of 0.85; all of it adds up along the trajectory."""
+    stiffness = (50.0, 60.0, 400.0)
+    good, good_drift, odometry = edge_of(0.9, stiffness)
+    for score in (0.84, 0.5, 0.0):
+        poor, poor_drift, _ = edge_of(score, stiffness)
+        np.testing.assert_allclose(poor - good, (0.85 - score) / 0.85 * odometry, rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(poor_drift - good_drift, poor - good, rtol=1e-9, atol=1e-15)
+
+
+def test_what_matches_tell_cancels_along_the_trajectory_and_what_odometry_tells_adds_up():
+    """Across a bare corridor the matches hold the robot, along it nothing but the odometry does."""
+    covariance, drift, odometry = edge_of(1.0, (1e-9, 60.0, 400.0))
+    assert covariance[0, 0] == pytest.approx(odometry[0, 0], rel=1e-3)
+    assert drift[0, 0] == pytest.approx(covariance[0, 0], rel=1e-3)
+    for axis in (1, 2):
+        assert covariance[axis, axis] < 0.05 * odometry[axis, axis]
+        assert drift[axis, axis] < 0.15 * covariance[axis, axis]
+    assert np.all(np.linalg.eigvalsh(covariance - drift) > -1e-12)
