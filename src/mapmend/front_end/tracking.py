@@ -65,8 +65,9 @@ class Tracker:
         """Follows how far the odometry is off where matches are good: the median, which slipping wheels leave alone."""
         if match.score < self._config.match.min_score:
             return
-        step = se2.between(prior[3], match.pose)
-        off = (math.hypot(step[0], step[1]) * math.sqrt(prior[0, 0]), abs(step[2]) * math.sqrt(prior[2, 2]))
+        x, y, turn = (match.pose - prior[3]).tolist()
+        turn = math.remainder(turn, math.tau)
+        off = (math.hypot(x, y) * math.sqrt(prior[0, 0]), abs(turn) * math.sqrt(prior[2, 2]))
         for axis in range(2):
             self._usual_step[axis] *= math.exp(MEDIAN_SHARE if off[axis] > self._usual_step[axis] else -MEDIAN_SHARE)
 
