@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from mapmend.graph.elimination import Fronts
-from mapmend.graph.pose_graph import Float
+from mapmend.graph.pose_graph import Float, Int
 
 NOWHERE = np.uint64(2**64 - 1)
 FEW = np.uint64(15)
@@ -252,10 +252,20 @@ def solve_upper(firsts, row_starts, rows, panels, lower, b, front):
 
 
 @njit(cache=True, nogil=True)
-def solve(fronts: Fronts, lower: Float, right_sides: Float) -> None:
-    """Overwrites ``right_sides``, shape (k, size), ordered by place, by the k solutions of ``L L^T x = b``."""
-    firsts, _, _, row_starts, rows, _, panels, _, block_starts, _ = fronts
-    front = np.empty(3 * block_starts.size)
+def solve(fronts: Fronts, order: Int, lower: Float, right_sides: Float) -> None:
+    """Overwrites ``right_sides``, shape (k, size), by the k solutions of ``H x = b``.
+
+    ``order`` says which vertex comes when; L is in that order, the right sides in that of the vertices.
+    """
+    firsts, _, _, row_starts, rows, _, panels, _, _, _ = fronts
+    front, b = np.empty(right_sides.shape[1]), np.empty(right_sides.shape[1])
     for k in range(len(right_sides)):
-        solve_lower(firsts, row_starts, rows, panels, lower, right_sides[k], front)
-        solve_upper(firsts, row_starts, rows, panels, lower, right_sides[k], front)
+        x = right_sides[k]
+        for place in range(len(order)):
+            vertex = order[place]
+            b[3 * place], b[3 * place + 1], b[3 * place + 2] = x[3 * vertex], x[3 * vertex + 1], x[3 * vertex + 2]
+        solve_lower(firsts, row_starts, rows, panels, lower, b, front)
+        solve_upper(firsts, row_starts, rows, panels, lower, b, front)
+        for place in range(len(order)):
+            vertex = order[place]
+            x[3 * vertex], x[3 * vertex + 1], x[3 * vertex + 2] = b[3 * place], b[3 * place + 1], b[3 * place + 2]
