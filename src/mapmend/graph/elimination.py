@@ -17,7 +17,7 @@ Unsigned = NDArray[np.uint64]
 
 # Runs of at most so many nodes are made of whatever is next to each other, wider ones while at most that share of
 # their blocks are zeros.
-NARROW, ZERO_SHARE = 2, 0.1
+NARROW, ZERO_SHARE = 3, 0.1
 
 
 class Fronts(NamedTuple):
@@ -89,8 +89,7 @@ def analyse(ends: Int, count: int) -> Elimination:
     firsts, run_parents = symbolic.supernodes(parents, blocks, NARROW, ZERO_SHARE)
     row_starts, rows, in_parent = symbolic.fill_in(starts, neighbours, order, places, firsts, run_parents)
     block_of_edge, block_starts, block_rows = symbolic.block_layout(ends, places, firsts, row_starts, rows)
-    first_child, next_child = symbolic.children(run_parents)
-    panel_starts, update_starts = symbolic.storage(firsts, run_parents, row_starts)
+    panel_starts, update_starts, first_child, next_child = symbolic.storage(firsts, run_parents, row_starts)
     tree = (firsts, first_child, next_child)
     numbers = (row_starts, rows, in_parent, panel_starts, update_starts, block_starts, block_rows)
     fronts = Fronts._make(array.view(np.uint64) for array in (*tree, *numbers))
