@@ -37,7 +37,7 @@ def blocks_of(covariance):
 def test_the_sparse_inverse_subset_is_the_inverse_on_the_pattern(seed, nodes, loops):
     f = factorized(random_graph(seed, nodes, loops))
     fronts = f.elimination.fronts
-    lower = elimination.dense_panels(fronts, f.lower)
+    lower = elimination.dense_lower(fronts, f.lower)
     expected = np.linalg.inv(lower @ lower.T)
     inverse = _marginal_kernels.sparse_inverse(fronts, f.lower, np.empty(f.elimination.work_size))
     stored = elimination.dense_panels(fronts, np.ones_like(f.lower)) > 0.0

@@ -100,7 +100,7 @@ def test_a_factorization_solves_and_outlives_the_next():
 def test_the_factor_is_that_of_cholesky(seed, nodes, loops):
     system, linearization = linearized(perturbed(random_graph(seed, nodes, loops), seed, 0.3))
     H, rows = dense(system, linearization), rows_in_place(system)
-    lower = elimination.dense_panels(system.elimination.fronts, system.factorize(linearization.values).lower)
+    lower = elimination.dense_lower(system.elimination.fronts, system.factorize(linearization.values).lower)
     expected = np.linalg.cholesky(H[np.ix_(rows, rows)])
     np.testing.assert_allclose(lower, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 

@@ -69,6 +69,13 @@ def dense_panels(fronts: Fronts, numbers: Array) -> Array:
     return matrix
 
 
+def dense_lower(fronts: Fronts, numbers: Array) -> Array:
+    """L by place: the diagonal of the panels holds the inverses."""
+    matrix = dense_panels(fronts, numbers)
+    np.fill_diagonal(matrix, 1.0 / np.diag(matrix))
+    return matrix
+
+
 def dense_values(fronts: Fronts, values: Array) -> Array:
     """H by place, shape (size, size), from the blocks that are stored of it."""
     count = len(fronts.block_starts) - 1

@@ -2,8 +2,8 @@
 
 A *run* of places is eliminated together (``_symbolic_kernels.supernodes``). Its *front* has its own block columns
 first, then the rows below them. The panel of a run, those columns of L over all rows of the front, is stored by
-columns: ``panel[c * height + r]`` in scalars. What the elimination leaves for the rows below, its *update*, goes to the
-parent: the multifrontal method (Duff and Reid 1983; Liu 1992).
+columns: ``panel[c * height + r]`` in scalars, its diagonal entries by their inverses. What the elimination leaves for
+the rows below, its *update*, goes to the parent: the multifrontal method (Duff and Reid 1983; Liu 1992).
 
 Indices are unsigned: of a signed one Numba asks at each access whether it counts from the end, and the loops are not
 vectorized then (M3500: 1.8 ms against 1.0 ms).
@@ -15,9 +15,10 @@ import numpy as np
 from numba import njit
 
 from mapmend.graph.elimination import Fronts
-from mapmend.graph.pose_graph import Float
+from mapmend.graph.pose_graph import Float, Int
 
 NOWHERE = np.uint64(2**64 - 1)
+FEW = np.uint64(15)
 ZERO, ONE, TWO, THREE, FOUR, FIVE, SIX, EIGHT, NINE = (np.uint64(k) for k in (0, 1, 2, 3, 4, 5, 6, 8, 9))
 
 
@@ -47,6 +48,45 @@ def subtract_product(target, to, panel, p, q, step, columns, rows):
         f0, f1, f2 = panel[q], panel[q + step], panel[q + TWO * step]
         for r in range(rows):
             target[to + r] -= panel[p + r] * f0 + panel[p1 + r] * f1 + panel[p2 + r] * f2
+
+
+@njit(cache=True, nogil=True)
+def subtract_blocks(target, to, pitch, panel, p, q, step, columns, rows):
+    """``subtract_product`` of three columns, ``pitch`` apart in the target, whose factors are one below the other.
+
+    Few rows are taken three by three, in nine sums that stay in registers, for loops of a few rows cost more than the
+    products.
+    """
+    if rows > FEW:
+        for c in range(THREE):
+            subtract_product(target, to + c * pitch, panel, p, q + c, step, columns, rows)
+        return
+    t1, t2 = to + pitch, to + TWO * pitch
+    for r in range(ZERO, rows, THREE):
+        s00, s10, s20, s01, s11, s21, s02, s12, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        a, b = p + r, q
+        for _ in range(columns):
+            x0, x1, x2, f0, f1, f2 = panel[a], panel[a + ONE], panel[a + TWO], panel[b], panel[b + ONE], panel[b + TWO]
+            s00 += x0 * f0
+            s10 += x1 * f0
+            s20 += x2 * f0
+            s01 += x0 * f1
+            s11 += x1 * f1
+            s21 += x2 * f1
+            s02 += x0 * f2
+            s12 += x1 * f2
+            s22 += x2 * f2
+            a += step
+            b += step
+        target[to + r] -= s00
+        target[to + r + ONE] -= s10
+        target[to + r + TWO] -= s20
+        target[t1 + r] -= s01
+        target[t1 + r + ONE] -= s11
+        target[t1 + r + TWO] -= s21
+        target[t2 + r] -= s02
+        target[t2 + r + ONE] -= s12
+        target[t2 + r + TWO] -= s22
 
 
 @njit(cache=True, nogil=True)
@@ -80,28 +120,25 @@ def eliminate(values, q, smallest, lower, panel, own, height):
     """Factorizes the panel; how many of its scalar columns had a pivot large enough."""
     k, p = ZERO, panel
     while k < own:
-        for c in range(THREE):
-            subtract_product(lower, p + c * height + c, lower, panel + k + c, panel + k + c, height, k, height - k - c)
+        if k > ZERO:
+            subtract_blocks(lower, p, height, lower, panel + k, panel + k, height, k, height - k)
         p1, p2 = p + height, p + TWO * height
         if not lower[p] > smallest * values[q]:
             return k
-        l00 = np.sqrt(lower[p])
-        i00 = 1.0 / l00
+        i00 = np.sqrt(lower[p]) * (1.0 / lower[p])
         l10, l20 = lower[p + ONE] * i00, lower[p + TWO] * i00
         pivot = lower[p1 + ONE] - l10 * l10
         if not pivot > smallest * values[q + FOUR]:
             return k
-        l11 = np.sqrt(pivot)
-        i11 = 1.0 / l11
+        i11 = np.sqrt(pivot) * (1.0 / pivot)
         l21 = (lower[p1 + TWO] - l20 * l10) * i11
         pivot = lower[p2 + TWO] - l20 * l20 - l21 * l21
         if not pivot > smallest * values[q + EIGHT]:
             return k
-        l22 = np.sqrt(pivot)
-        i22 = 1.0 / l22
-        lower[p], lower[p + ONE], lower[p + TWO] = l00, l10, l20
-        lower[p1], lower[p1 + ONE], lower[p1 + TWO] = 0.0, l11, l21
-        lower[p2], lower[p2 + ONE], lower[p2 + TWO] = 0.0, 0.0, l22
+        i22 = np.sqrt(pivot) * (1.0 / pivot)
+        lower[p], lower[p + ONE], lower[p + TWO] = i00, l10, l20
+        lower[p1], lower[p1 + ONE], lower[p1 + TWO] = 0.0, i11, l21
+        lower[p2], lower[p2 + ONE], lower[p2 + TWO] = 0.0, 0.0, i22
         for r in range(THREE, height - k):
             x0 = lower[p + r] * i00
             x1 = (lower[p1 + r] - x0 * l10) * i11
@@ -149,68 +186,86 @@ def factorize(values: Float, scale: float, smallest: float, fronts: Fronts, lowe
         done = eliminate(values, NINE * first, smallest * scale, lower, panel, own, height)
         if done < own:
             return np.int64(first + done // THREE)
-        a = panel + own
-        for c in range(below):
-            subtract_product(work, update + c * below + c, lower, a + c, a + c, height, own, below - c)
+        for c in range(ZERO, below, THREE):
+            a = panel + own + c
+            subtract_blocks(work, update + c * (below + ONE), below, lower, a, a, height, own, below - c)
     return np.int64(-1)
 
 
 @njit(cache=True, nogil=True)
-def solve_lower(firsts, row_starts, rows, panels, lower, b, around):
-    """Overwrites ``b`` by the solution of ``L y = b``; ``around`` has room for the rows below any run."""
+def solve_lower(firsts, row_starts, rows, panels, lower, b, front):
+    """Overwrites ``b`` by the solution of ``L y = b``; ``front`` has room for the part of b in any front."""
     for run in range(np.uint64(firsts.size - 1)):
         first, own = THREE * firsts[run], THREE * (firsts[run + ONE] - firsts[run])
         start, end = row_starts[run], row_starts[run + ONE]
-        p, below = panels[run], THREE * (end - start)
-        for r in range(below):
-            around[r] = 0.0
-        for c in range(own):
-            known = b[first + c] / lower[p + c]
-            b[first + c] = known
-            for r in range(c + ONE, own):
-                b[first + r] -= lower[p + r] * known
-            p += own
-            for r in range(below):
-                around[r] += lower[p + r] * known
-            p += below
-        t = ZERO
+        height = own + THREE * (end - start)
+        for r in range(own):
+            front[r] = b[first + r]
+        for r in range(own, height):
+            front[r] = 0.0
+        p = panels[run]
+        for k in range(ZERO, own, THREE):
+            p1, p2 = p + height, p + TWO * height
+            x0 = front[k] * lower[p + k]
+            x1 = (front[k + ONE] - lower[p + k + ONE] * x0) * lower[p1 + k + ONE]
+            x2 = (front[k + TWO] - lower[p + k + TWO] * x0 - lower[p1 + k + TWO] * x1) * lower[p2 + k + TWO]
+            b[first + k], b[first + k + ONE], b[first + k + TWO] = x0, x1, x2
+            for r in range(k + THREE, height):
+                front[r] -= lower[p + r] * x0 + lower[p1 + r] * x1 + lower[p2 + r] * x2
+            p = p2 + height
+        t = own
         for a in range(start, end):
             row = THREE * rows[a]
-            b[row] -= around[t]
-            b[row + ONE] -= around[t + ONE]
-            b[row + TWO] -= around[t + TWO]
+            b[row] += front[t]
+            b[row + ONE] += front[t + ONE]
+            b[row + TWO] += front[t + TWO]
             t += THREE
 
 
 @njit(cache=True, nogil=True)
-def solve_upper(firsts, row_starts, rows, panels, lower, b, around):
+def solve_upper(firsts, row_starts, rows, panels, lower, b, front):
     """Overwrites ``b`` by the solution of ``L^T x = b``."""
     runs = np.uint64(firsts.size - 1)
     for back in range(runs):
         run = runs - ONE - back
         first, own = THREE * firsts[run], THREE * (firsts[run + ONE] - firsts[run])
-        below = ZERO
+        height = own
         for a in range(row_starts[run], row_starts[run + ONE]):
             row = THREE * rows[a]
-            around[below], around[below + ONE], around[below + TWO] = b[row], b[row + ONE], b[row + TWO]
-            below += THREE
-        p = panels[run + ONE]
-        for column in range(own):
-            c = own - ONE - column
-            p -= own + below
-            total = b[first + c]
-            for r in range(c + ONE, own):
-                total -= lower[p + r] * b[first + r]
-            for r in range(below):
-                total -= lower[p + own + r] * around[r]
-            b[first + c] = total / lower[p + c]
+            front[height], front[height + ONE], front[height + TWO] = b[row], b[row + ONE], b[row + TWO]
+            height += THREE
+        k, p = own, panels[run + ONE]
+        while k > ZERO:
+            k -= THREE
+            p -= THREE * height
+            p1, p2 = p + height, p + TWO * height
+            x0, x1, x2 = b[first + k], b[first + k + ONE], b[first + k + TWO]
+            for r in range(k + THREE, height):
+                x0 -= lower[p + r] * front[r]
+                x1 -= lower[p1 + r] * front[r]
+                x2 -= lower[p2 + r] * front[r]
+            x2 *= lower[p2 + k + TWO]
+            x1 = (x1 - lower[p1 + k + TWO] * x2) * lower[p1 + k + ONE]
+            x0 = (x0 - lower[p + k + ONE] * x1 - lower[p + k + TWO] * x2) * lower[p + k]
+            front[k], front[k + ONE], front[k + TWO] = x0, x1, x2
+            b[first + k], b[first + k + ONE], b[first + k + TWO] = x0, x1, x2
 
 
 @njit(cache=True, nogil=True)
-def solve(fronts: Fronts, lower: Float, right_sides: Float) -> None:
-    """Overwrites ``right_sides``, shape (k, size), ordered by place, by the k solutions of ``L L^T x = b``."""
-    firsts, _, _, row_starts, rows, _, panels, _, block_starts, _ = fronts
-    around = np.empty(3 * block_starts.size)
+def solve(fronts: Fronts, order: Int, lower: Float, right_sides: Float) -> None:
+    """Overwrites ``right_sides``, shape (k, size), by the k solutions of ``H x = b``.
+
+    ``order`` says which vertex comes when; L is in that order, the right sides in that of the vertices.
+    """
+    firsts, _, _, row_starts, rows, _, panels, _, _, _ = fronts
+    front, b = np.empty(right_sides.shape[1]), np.empty(right_sides.shape[1])
     for k in range(len(right_sides)):
-        solve_lower(firsts, row_starts, rows, panels, lower, right_sides[k], around)
-        solve_upper(firsts, row_starts, rows, panels, lower, right_sides[k], around)
+        x = right_sides[k]
+        for place in range(len(order)):
+            vertex = order[place]
+            b[3 * place], b[3 * place + 1], b[3 * place + 2] = x[3 * vertex], x[3 * vertex + 1], x[3 * vertex + 2]
+        solve_lower(firsts, row_starts, rows, panels, lower, b, front)
+        solve_upper(firsts, row_starts, rows, panels, lower, b, front)
+        for place in range(len(order)):
+            vertex = order[place]
+            x[3 * vertex], x[3 * vertex + 1], x[3 * vertex + 2] = b[3 * place], b[3 * place + 1], b[3 * place + 2]

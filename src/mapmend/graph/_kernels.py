@@ -23,7 +23,7 @@ def linearize(
     count: int,
     blocks: int,
 ) -> tuple[float, Float, Float]:
-    """``chi2``, the blocks of ``H = sum J^T Omega J``, and the gradient ``g = sum J^T Omega e`` by place.
+    """``chi2``, the blocks of ``H = sum J^T Omega J``, and the gradient ``g = sum J^T Omega e``.
 
     ``places``: shape (n,), -1 where a node is fixed. H is given as the ``count`` diagonal blocks, then the ``blocks``
     below the diagonal, which ``block_of_edge`` counts; each by columns.
@@ -112,7 +112,13 @@ def linearize(
             block[5] -= m21
             block[6] -= m02
             block[7] -= m12
-    return chi2, values, gradient
+    ordered, first = np.empty(3 * count), 0
+    for node in range(len(poses)):
+        if places[node] >= 0:
+            for r in range(3):
+                ordered[first + r] = gradient[3 * places[node] + r]
+            first += 3
+    return chi2, values, ordered
 
 
 @njit(cache=True, nogil=True)

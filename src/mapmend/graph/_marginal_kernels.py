@@ -20,7 +20,7 @@ def extend(front, height, k, lower, p):
     With Y = L_below L_kk^-1: the blocks below are ``-Z Y``, the one on the diagonal (L_kk L_kk^T)^-1 - Y^T (-Z Y).
     """
     p1, p2 = p + height, p + TWO * height
-    i00, i11, i22 = 1.0 / lower[p], 1.0 / lower[p1 + ONE], 1.0 / lower[p2 + TWO]
+    i00, i11, i22 = lower[p], lower[p1 + ONE], lower[p2 + TWO]
     l10, l20, l21 = lower[p + ONE], lower[p + TWO], lower[p1 + TWO]
     rows, corner = height - k - THREE, k * (height + ONE)
     below, right = corner + THREE, corner + THREE * height

@@ -17,7 +17,7 @@ Unsigned = NDArray[np.uint64]
 
 # Runs of at most so many nodes are made of whatever is next to each other, wider ones while at most that share of
 # their blocks are zeros.
-NARROW, ZERO_SHARE = 2, 0.1
+NARROW, ZERO_SHARE = 3, 0.1
 
 
 class Fronts(NamedTuple):

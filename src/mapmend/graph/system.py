@@ -52,10 +52,9 @@ class Factorization:
         """``H^-1 b`` for ``b`` of shape (size,) or (size, k)."""
         from mapmend.graph import _factor_kernels
 
-        columns = right_sides.reshape(len(self.elimination.order), 3, -1)
-        ordered = np.array(columns[self.elimination.order].transpose(2, 0, 1), dtype=np.float64, order="C")
-        _factor_kernels.solve(self.elimination.fronts, self.lower, ordered.reshape(len(ordered), -1))
-        return ordered[:, self.elimination.places].transpose(1, 2, 0).reshape(right_sides.shape)
+        solutions = np.array(right_sides.reshape(len(right_sides), -1).T, dtype=np.float64, order="C")
+        _factor_kernels.solve(self.elimination.fronts, self.elimination.order, self.lower, solutions)
+        return solutions.T.reshape(right_sides.shape)
 
 
 class System:
@@ -117,7 +116,7 @@ class System:
             len(self.nodes),
             len(self.elimination.fronts.block_rows),
         )
-        return Linearization(chi2, values, gradient.reshape(-1, 3)[self.elimination.places].ravel())
+        return Linearization(chi2, values, gradient)
 
     def move(self, poses: Float, step: Float) -> Float:
         """``X * d`` for every node that is not fixed; ``step`` has shape (size,)."""
