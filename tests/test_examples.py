@@ -56,5 +56,12 @@ def test_04(folder, capsys):
     assert len(capsys.readouterr().out.splitlines()) == 2
 
 
+def test_05(folder, capsys):
+    run("05", folder / "run" / "graph.g2o")
+    none, gnc = capsys.readouterr().out.splitlines()
+    assert none == "none: distrusts 0 edges, 0 of the 10 false"
+    assert gnc.endswith("10 of the 10 false")
+
+
 def test_all_examples_are_run_here():
-    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04"]
+    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05"]
