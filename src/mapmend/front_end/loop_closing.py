@@ -71,11 +71,8 @@ class LoopSearch:
         return [edge for edge in [*edges, *self._relocated()] if edge is not None]
 
     def _relocated(self) -> list[LoopEdge]:
-        """A loop beyond the reach of the search about the believed pose: where the old map says, or a first loop."""
-        state = self._state
-        here = self._awaited_pose()
-        if here is None:
-            here = self._relocation.find()
+        """A loop beyond the reach of the search about the believed pose: where the map of long ago says."""
+        state, here = self._state, self._relocation.find()
         if here is None:
             return []
         old = int(np.searchsorted(state.node_path_m[: state.count], self._oldest_m()))
@@ -86,19 +83,7 @@ class LoopSearch:
         predicted = self._seen_from(candidate.key_node, here)
         prior = prior_at(predicted, self._certain())
         match = self._matcher.match(self._key_nodes.local_grid(candidate.key_node).grid, points, predicted, prior)
-        return self._confirmed(self._edge(candidate, match)) if self._is_verified(candidate, match, points) else []
-
-    def _awaited_pose(self) -> Float | None:
-        """Where the newest node is if the loop edge that waits for a second one is right."""
-        first, state = self._awaiting, self._state
-        if first is None:
-            return None
-        way = float(state.node_path_m[state.last] - state.node_path_m[first.node])
-        if not self._config.loops.confirm_after_m <= way <= self._config.key_nodes.trajectory_length_m:
-            return None
-        poses = state.node_pose
-        since = se2.between(poses[first.node], poses[state.last])
-        return se2.compose(poses[first.anchor], se2.compose(first.T_anchor_node, since))
+        return self._confirmed(self._edge(candidate, match)) if self._verified_share(candidate, match, points) else []
 
     def _oldest_m(self) -> float:
         """Trajectory length before which a place counts as left long enough to form a loop."""
@@ -199,8 +184,14 @@ class LoopSearch:
             return None
         local = self._key_nodes.local_grid(candidate.key_node)
         match = self._matcher.match(local.grid, points, found[0], prior_at(found[0], covariance))
-        if match.score < loops.min_score or not self._is_verified(candidate, match, self._recent_points()):
+        stretch = self._recent_points()
+        share = self._verified_share(candidate, match, stretch)
+        if match.score < loops.min_score or not share:
             return None
+        # Elsewhere more may overlap, and chance agree with more of it: what holds where it was predicted stays there.
+        near = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
+        if self._verified_share(candidate, near, stretch) >= share:
+            match = near
         # The next node may try again at once: it is to confirm this one.
         del self._tried_at_m[pair]
         return self._edge(candidate, match)
@@ -266,15 +257,18 @@ class LoopSearch:
         guesses = predicted[:2] + steps[inside]
         return Region(predicted, guesses, radius, angle, loops.tie_weight, half_length + radius, angle)
 
-    def _is_verified(self, candidate: Candidate, match: Match, points: Float) -> bool:
-        """Whether the whole last stretch of trajectory, not this scan alone, agrees with the key-node's grid there."""
+    def _verified_share(self, candidate: Candidate, match: Match, points: Float) -> float:
+        """How much of the whole last stretch of trajectory, not of this scan alone, agrees with the key-node's grid.
+
+        The share of its ``points`` that the grid confirms among those that it has seen; 0 where that is too little.
+        """
         loops = self._config.loops
         local = self._key_nodes.local_grid(candidate.key_node)
         matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
         seen = matched + contradicted
         if seen < loops.min_overlap * len(points) or matched < loops.min_agreement * seen:
-            return False
-        return self._is_observed(match)
+            return 0.0
+        return matched / seen if self._is_observed(match) else 0.0
 
     def _is_observed(self, match: Match) -> bool:
         """Whether the surfaces hold the match in every direction: along a bare corridor only noisy normals do."""
