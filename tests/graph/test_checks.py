@@ -68,6 +68,29 @@ def test_an_edge_from_a_node_to_itself(graph):
     refuse(replace(graph, edges=changed(graph.edges, 5, [6, 6])), "edge 67 -> 67 joins a node to itself")
 
 
+def test_two_nodes_of_one_name(graph):
+    refuse(replace(graph, ids=changed(graph.ids, 7, 37)), "two nodes of the graph are called 37")
+    assert optimize(replace(graph, ids=graph.ids[::-1].copy())).converged
+
+
+def test_an_edge_to_a_node_that_there_is_not(graph):
+    with pytest.raises(MapmendError, match=r"an edge names a node outside 0\.\.11"):
+        replace(graph, edges=changed(graph.edges, (3, 1), 12))
+
+
+def test_a_node_without_edges(graph):
+    alone = ~(graph.edges == 8).any(axis=1)
+    bare = replace(
+        graph,
+        edges=graph.edges[alone],
+        measurements=graph.measurements[alone],
+        information=graph.information[alone],
+        is_loop=graph.is_loop[alone],
+        fixed=(0, 11),
+    )
+    refuse(bare, r"no chain of edges joins node 87 to a fixed node \(1 of 12 nodes hang loose\)")
+
+
 def test_a_part_that_hangs_on_no_fixed_node(graph):
     chain = random_graph(0, loops=0)
     kept = np.arange(11) != 6

@@ -89,7 +89,7 @@ def subtract_blocks(target, to, pitch, panel, p, q, step, columns, rows):
         target[t2 + r + TWO] -= s22
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def add_blocks(target, to, source, p, in_parent, first, end):
     """Adds a column of an update, three rows a block, to where its blocks are in the parent's front."""
     for a in range(first, end):
@@ -100,7 +100,7 @@ def add_blocks(target, to, source, p, in_parent, first, end):
         p += THREE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def add_update(work, p, in_parent, first, end, lower, panel, update, own, below):
     """Adds the update of a child, ``work[p:]`` over its rows ``first`` to ``end``, to its parent's panel and update."""
     step, height = THREE * (end - first), own + below
@@ -115,7 +115,7 @@ def add_update(work, p, in_parent, first, end, lower, panel, update, own, below)
         p += THREE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def eliminate(values, q, smallest, lower, panel, own, height):
     """Factorizes the panel; how many of its scalar columns had a pivot large enough."""
     k, p = ZERO, panel
@@ -192,7 +192,7 @@ def factorize(values: Float, scale: float, smallest: float, fronts: Fronts, lowe
     return np.int64(-1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def solve_lower(firsts, row_starts, rows, panels, lower, b, front):
     """Overwrites ``b`` by the solution of ``L y = b``; ``front`` has room for the part of b in any front."""
     for run in range(np.uint64(firsts.size - 1)):
@@ -222,7 +222,7 @@ def solve_lower(firsts, row_starts, rows, panels, lower, b, front):
             t += THREE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def solve_upper(firsts, row_starts, rows, panels, lower, b, front):
     """Overwrites ``b`` by the solution of ``L^T x = b``."""
     runs = np.uint64(firsts.size - 1)

@@ -13,7 +13,7 @@ from mapmend.graph.elimination import Fronts
 from mapmend.graph.pose_graph import Float
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def extend(front, height, k, lower, p):
     """Continues the inverse in a front, known from row ``k + 3`` on, by three columns; theirs of L begin at ``p``.
 

@@ -68,13 +68,14 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
     free = len(neighbours)
     for p in range(free):
         lists[p] = neighbours[p]
-    table = np.zeros((12, count), np.int64)
-    begin, length, degree, elements, weight, stamp = table[0], table[1], table[2], table[3], table[4], table[5]
-    heads, after, before, buckets, bucket_of = table[6], table[7], table[8], table[9], table[10]
-    members, last_member = table[11], np.empty(count, np.int64)
+    begin, length, elements = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    degree, weight, stamp = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    heads, after, before = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    buckets, bucket_of = np.empty(count, np.int64), np.empty(count, np.int64)
+    members, last_member = np.empty(count, np.int64), np.empty(count, np.int64)
     order = np.empty(count, np.int64)
     for v in range(count):
-        begin[v], length[v] = starts[v], starts[v + 1] - starts[v]
+        begin[v], length[v], elements[v] = starts[v], starts[v + 1] - starts[v], 0
         degree[v], weight[v], stamp[v] = length[v], 1, 1
         heads[v] = after[v] = before[v] = buckets[v] = members[v] = -1
         last_member[v] = v

@@ -146,8 +146,10 @@ def block_layout(ends: Int, places: Int, firsts: Int, row_starts: Int, rows: Int
 
 
 @njit(cache=True, nogil=True)
-def storage(firsts: Int, parents: Int, row_starts: Int) -> tuple[Int, Int]:
+def storage(firsts: Int, parents: Int, row_starts: Int) -> tuple[Int, Int, Int, Int]:
     """Where the panel of each run begins in L, and its update in the workspace, each with the end: shape (runs + 1,).
+
+    And the tree downwards: the first run that hangs on each, and the next on the same parent; -1 where there is none.
 
     An update lives from its run to the parent of that. Those of runs at an even depth of the tree lie on one stack,
     those at an odd depth on another: then a run writes its update while it reads its children's, and neither moves.
@@ -155,9 +157,14 @@ def storage(firsts: Int, parents: Int, row_starts: Int) -> tuple[Int, Int]:
     runs = len(parents)
     panel_starts, update_starts = np.zeros(runs + 1, np.int64), np.empty(runs + 1, np.int64)
     odd, of_children = np.zeros(runs, np.int64), np.zeros(runs, np.int64)
+    first_child, next_child = np.empty(runs, np.int64), np.empty(runs, np.int64)
     for run in range(runs - 1, -1, -1):
-        if parents[run] >= 0:
-            odd[run] = 1 - odd[parents[run]]
+        first_child[run] = next_child[run] = -1
+        parent = parents[run]
+        if parent >= 0:
+            odd[run] = 1 - odd[parent]
+            next_child[run] = first_child[parent]
+            first_child[parent] = run
     tops, highest = np.zeros(2, np.int64), np.zeros(2, np.int64)
     for run in range(runs):
         width, below = firsts[run + 1] - firsts[run], row_starts[run + 1] - row_starts[run]
@@ -172,18 +179,4 @@ def storage(firsts: Int, parents: Int, row_starts: Int) -> tuple[Int, Int]:
     for run in range(runs):
         update_starts[run] += odd[run] * highest[0]
     update_starts[runs] = highest[0] + highest[1]
-    return panel_starts, update_starts
-
-
-@njit(cache=True, nogil=True)
-def children(parents: Int) -> tuple[Int, Int]:
-    """The first run that hangs on each, and the next that hangs on the same parent; -1 where there is none."""
-    first_child, next_child = np.empty(len(parents), np.int64), np.empty(len(parents), np.int64)
-    first_child.fill(-1)
-    next_child.fill(-1)
-    for run in range(len(parents) - 1, -1, -1):
-        parent = parents[run]
-        if parent >= 0:
-            next_child[run] = first_child[parent]
-            first_child[parent] = run
-    return first_child, next_child
+    return panel_starts, update_starts, first_child, next_child

@@ -12,7 +12,11 @@ SYMMETRY_TOLERANCE = 1e-9
 
 
 def check_numbers(graph: PoseGraph) -> None:
-    """Raises ``MapmendError`` unless all numbers are finite and every information matrix is positive definite."""
+    """Raises ``MapmendError`` unless ids differ, numbers are finite, and information matrices positive definite."""
+    if not (np.diff(graph.ids) > 0).all():  # most files have them in order
+        ids, counts = np.unique(graph.ids, return_counts=True)
+        if (counts > 1).any():
+            raise MapmendError(f"two nodes of the graph are called {ids[np.argmax(counts > 1)]}")
     bad_nodes = ~_finite(graph.poses)
     if bad_nodes.any():
         raise MapmendError(f"the pose of node {graph.ids[np.argmax(bad_nodes)]} is not finite")
