@@ -105,6 +105,20 @@ def test_the_factor_is_that_of_cholesky(seed, nodes, loops):
     np.testing.assert_allclose(lower, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+def test_memory_that_is_taken_again_leaves_no_trace():
+    graph = random_graph(7)
+    system, expected = linearized(graph)
+    elsewhere = perturbed(graph, 7, 1.0)
+    old = system.linearize(elsewhere.poses, graph.measurements, graph.information)
+    again = system.linearize(graph.poses, graph.measurements, graph.information, old)
+    assert again.values is old.values
+    np.testing.assert_array_equal(again.values, expected.values)
+    step = system.solve(expected.values, expected.gradient)
+    system.solve(2.0 * expected.values, expected.gradient)
+    np.testing.assert_array_equal(system.solve(expected.values, expected.gradient), step)
+    np.testing.assert_array_equal(system.factorize(expected.values).solve(expected.gradient), step)
+
+
 def test_damping_scales_the_diagonal():
     graph = random_graph(5)
     system, linearization = linearized(graph)

@@ -21,18 +21,18 @@ def linearize(
     places: Int,
     block_of_edge: Int,
     count: int,
-    blocks: int,
-) -> tuple[float, Float, Float]:
-    """``chi2``, the blocks of ``H = sum J^T Omega J``, and the gradient ``g = sum J^T Omega e``.
+    values: Float,
+) -> tuple[float, Float]:
+    """``chi2`` and the gradient ``g = sum J^T Omega e``; fills ``values``, the blocks of ``H = sum J^T Omega J``.
 
-    ``places``: shape (n,), -1 where a node is fixed. H is given as the ``count`` diagonal blocks, then the ``blocks``
-    below the diagonal, which ``block_of_edge`` counts; each by columns.
+    ``places``: shape (n,), -1 where a node is fixed. H is given as the ``count`` diagonal blocks, then the blocks below
+    the diagonal, which ``block_of_edge`` counts; each by columns.
 
     With ``J_j`` the derivative by a motion of j, that by a motion of i is ``-J_j A``, A the adjoint of ``T_j_i``. So
     ``W = J_j^T Omega J_j`` is all that is needed: ``H_jj = W``, ``H_ji = -W A``, ``H_ii = A^T W A``.
     """
     below = 9 * count
-    values = np.zeros(below + 9 * blocks)
+    values.fill(0.0)
     gradient = np.zeros(3 * count)
     turns = np.empty((len(poses), 2))
     for node in range(len(poses)):
@@ -118,7 +118,7 @@ def linearize(
             for r in range(3):
                 ordered[first + r] = gradient[3 * places[node] + r]
             first += 3
-    return chi2, values, ordered
+    return chi2, ordered
 
 
 @njit(cache=True, nogil=True)

@@ -56,6 +56,7 @@ class Descent:
         self.measurements = graph.measurements
         self.information = information
         self.poses = graph.poses.copy()
+        self._spare: Linearization | None = None
         self._begin()
 
     def propose(self, damping: float) -> tuple[Float, float]:
@@ -67,10 +68,11 @@ class Descent:
     def take(self, step: Float, whatever: bool) -> bool:
         """Moves by the step if the cost doesn't rise by it, or ``whatever`` it does; says whether it moved."""
         poses = self.system.move(self.poses, step)
-        there = self.system.linearize(poses, self.measurements, self.information)
+        there = self.system.linearize(poses, self.measurements, self.information, self._spare)
         if not self._is_better(there.chi2, whatever):
+            self._spare = there
             return False
-        self.poses, self.here = poses, there
+        self.poses, self.here, self._spare = poses, there, self.here
         self.cost = self.chi2 = there.chi2
         return True
 

@@ -102,19 +102,26 @@ class System:
         """Whether this analysis holds for the graph."""
         return same_pattern(graph, self.edges, self.fixed, len(self.unknowns))
 
-    def linearize(self, poses: Float, measurements: Float, information: Float) -> Linearization:
-        """The normal equations at ``poses``, shape (n, 3); a robust weight is a factor on the (m, 3, 3) information."""
+    def linearize(
+        self, poses: Float, measurements: Float, information: Float, into: Linearization | None = None
+    ) -> Linearization:
+        """The normal equations at ``poses``, shape (n, 3); a robust weight is a factor on the (m, 3, 3) information.
+
+        ``into``: one that is not needed any more, whose memory is taken again.
+        """
         from mapmend.graph import _kernels
 
-        chi2, values, gradient = _kernels.linearize(
+        count = len(self.nodes)
+        values = into.values if into else np.empty(9 * (count + len(self.elimination.fronts.block_rows)))
+        chi2, gradient = _kernels.linearize(
             np.require(poses, np.float64, KERNEL_ARRAYS),
             self.edges,
             np.require(measurements, np.float64, KERNEL_ARRAYS),
             np.require(information, np.float64, KERNEL_ARRAYS),
             self.places,
             self.elimination.block_of_edge,
-            len(self.nodes),
-            len(self.elimination.fronts.block_rows),
+            count,
+            values,
         )
         return Linearization(chi2, values, gradient)
 
