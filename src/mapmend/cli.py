@@ -81,6 +81,7 @@ def parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_info(commands)
     _add_map(commands)
+    _add_check(commands)
     _add_eval(commands)
     _add_simulate(commands)
     return top
@@ -134,6 +135,20 @@ def _add_map(commands: Commands) -> None:
     command.add_argument("--seed", type=_whole, metavar="N", help="seed of the motion hypotheses (default: 0)")
     command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
     _add_lenient(command)
+    _add_threads(command)
+
+
+def _add_check(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "check",
+        "check",
+        "say whether a map is consistent, and where not: exit code 0 for yes, 1 for no",
+        "Needs a pose graph whose nodes carry scans, and no ground truth. Leaves check.png.",
+    )
+    command.add_argument("graph", metavar="RUN|GRAPH", help="a RUN folder, or a g2o or TORO graph (.gz and .bz2 too)")
+    command.add_argument("-o", "--output", metavar="DIR", help="where check.png goes (default: the RUN, or here)")
+    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
     _add_threads(command)
 
 
