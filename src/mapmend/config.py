@@ -110,13 +110,13 @@ class ConsistencyConfig:
     neighbours: int = 20  # scans before and after along the odometry that a scale is estimated from
     scale_level: float = 0.05  # (10): a scan's pairs along the odometry all pass at this level
     prior_std_m: float = 0.03  # what an optimized pose may be off, added to every scale
-    least_inflation: float = 0.2  # how far a map's own pairs may narrow or widen the scales
-    most_inflation: float = 1.2
+    least_inflation: float = 0.4  # how far a map's own pairs may narrow or widen the scales
+    most_inflation: float = 2.0
     pair_level: float = 0.01
     scan_level: float = 0.01
-    scan_dependence: float = 0.1  # correlation between the tests of one scan's pairs
+    scan_dependence: float = 0.07  # correlation between the tests of one scan's pairs
     map_level: float = 0.01
-    map_dependence: float = 0.02  # and between the scans of one map
+    map_dependence: float = 0.03  # and between the scans of one map
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from mapmend.io.g2o import write_g2o
-from tests.consistency.scenes import room_graph
+from tests.consistency.scenes import graph_of, room_graph
 
 KEYS = {"consistent", "p_value", "scans", "scans_inconsistent", "pairs", "pairs_failed", "suspect_edges"}
 
@@ -25,7 +25,7 @@ def wrong_path(tmp_path_factory):
     poses = graph.poses.copy()
     poses[40:, 0] += 0.4
     path = tmp_path_factory.mktemp("graphs") / "wrong.g2o"
-    write_g2o(path, graph.with_poses(poses))
+    write_g2o(path, graph_of(poses, graph.scans, [(0, 79)]))  # its loop edge says so too
     return path
 
 

@@ -182,3 +182,25 @@ def test_lasers_that_see_nothing_between_their_beams_are_refused():
     scans = scans_of((LaserGeometry(2, 0.0, 3.2, 20.0),), [(1.0, 1.0)])
     with pytest.raises(MapmendError, match="apart"):
         build_views(scans, np.zeros((1, 3)), CONFIG)
+
+
+def test_marked_points_are_those_that_lie_so_deep():
+    from mapmend.consistency import _kernels
+    from mapmend.consistency.measure import kernel_views
+
+    graph = room_graph(6)
+    poses = graph.poses + np.arange(6)[:, None] * np.array([0.1, 0.0, 0.0])
+    views = build_views(graph.scans, poses, CONFIG)
+    pairs, least = np.array([(0, 5), (2, 3)]), np.array([0.05, 0.02])
+    marks = np.zeros(len(views.points), np.int64)
+    _kernels.mark_points(pairs, least, *kernel_views(views), marks)
+    expected = np.zeros(len(views.points), np.int64)
+    for (i, j), depth in zip(pairs.tolist(), least, strict=True):
+        for a, b in ((i, j), (j, i)):
+            polygon = plain.visibility_polygon(graph.scans.ranges_of(a), graph.scans.geometry_of(a), poses[a], CONFIG)
+            rows = range(views.point_offsets[b], views.point_offsets[b + 1])
+            for row, point in zip(rows, views.points_in_map()[rows.start : rows.stop], strict=True):
+                distances = plain.inconsistency_distances([point], polygon)
+                expected[row] += bool(distances) and distances[0] >= depth
+    assert expected.sum() > 20
+    np.testing.assert_array_equal(marks, expected)

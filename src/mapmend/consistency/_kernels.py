@@ -5,9 +5,10 @@ bearing: its distance from the laser, metres, 0 where the polygon comes back to 
 length of the side to the next vertex, (total, 2); where each scan begins, (n + 1,); the largest squared radius in each
 sector, (n, SECTORS). ``points`` = (xy, offsets, circles, circle_offsets): the end points in the laser's frame, and
 circles (x, y, radius) about every POINTS_A_CIRCLE of them. ``lasers``: (n, 4) x, y, cosine and sine of the heading in
-the map. ``beams`` = (rays, first_wedges, counts, laser): by laser the directions of its vertices as unit vectors,
-(lasers, most, 2), all around and less than half a turn apart; the wedge, from each vertex to the next, in which each
-bin of the pseudo-angle begins, (lasers, BINS); and the number of vertices; by scan its laser.
+the map. ``beams`` = (rays, first_wedges, most_passed, counts, laser): by laser the directions of its vertices as
+unit vectors, (lasers, most, 2), all around and less than half a turn apart; the wedge, from each vertex to the next, in
+which each bin of the pseudo-angle begins, (lasers, BINS); how many rays lie in one bin at most; and the number of
+vertices; by scan its laser.
 """
 
 from __future__ import annotations
@@ -32,23 +33,9 @@ POINTS_A_CIRCLE = 8
 def pseudo_bin(x, y):
     """The bin of a bearing: y / (|x| + |y|), which rises with the angle, unrolled to four quarters of a turn."""
     q = y / (abs(x) + abs(y))
-    if x < 0.0:
-        q = 2.0 - q if y >= 0.0 else -2.0 - q
+    unrolled = math.copysign(2.0, y) - q if x < 0.0 else q
     # Rounding may carry half a turn onto the end of the last bin.
-    return min(int((q + 2.0) * (BINS / 4.0)), BINS - 1)
-
-
-@njit(cache=True, nogil=True)
-def wedge_of(x, y, rays, first_wedges, count):
-    """The wedge in which a point lies that is not the laser itself."""
-    k = int(first_wedges[pseudo_bin(x, y)])
-    while True:
-        # A bin holds few rays: the next one is passed where the point lies beyond it, within a quarter turn.
-        after = k + 1 if k + 1 < count else 0
-        ray_x, ray_y = rays[after, 0], rays[after, 1]
-        if not (ray_x * y - ray_y * x >= 0.0 and ray_x * x + ray_y * y > 0.0):
-            return k
-        k = after
+    return min(int((unrolled + 2.0) * (BINS / 4.0)), BINS - 1)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -92,7 +79,7 @@ def squared_depth(x, y, k, vertices, rays):
 @njit(cache=True, nogil=True)
 def sector_reach(vertices, offsets, beams, reach2):
     """The largest squared radius of each scan's polygon in each sector of the pseudo-angle: ``reach2`` (n, SECTORS)."""
-    _, first_wedges, counts, laser = beams
+    _, first_wedges, _, counts, laser = beams
     for i in range(offsets.shape[0] - 1):
         first, count = offsets[i], counts[laser[i]]
         if offsets[i + 1] == first:
@@ -133,22 +120,24 @@ def may_reach(x, y, radius, reach2):
 
 
 @njit(cache=True, nogil=True)
-def depths_of_scan(i, j, polygons, points, lasers, beams, depths, which):
+def depths_of_scan(i, j, here, there, polygons, points, beams, room, depths, which):
     """The depths, metres, of scan j's end points in scan i's polygon, where they are inside; gives their number.
 
-    ``depths`` and ``which``, both (most,), take the depths and the rows of the points.
+    ``here`` and ``there``: (4,), where the two lasers stand. ``depths`` and ``which`` take the depths and the rows of
+    the points; ``room`` = (xy (most, 2), wedges (most,)) is used on the way.
     """
     vertices, starts, reach2 = polygons
     ends, end_starts, circles, circle_starts = points
-    rays, first_wedges, counts, laser = beams
+    rays, first_wedges, most_passed, counts, laser = beams
+    inside, wedges = room
     if starts[i + 1] == starts[i]:
         return 0
-    count = counts[laser[i]]
+    count, passes = counts[laser[i]], most_passed[laser[i]]
     my_vertices, my_reach2 = vertices[starts[i] : starts[i + 1]], reach2[i]
     my_rays, my_wedges = rays[laser[i]], first_wedges[laser[i]]
     # Scan j's laser as scan i's sees it.
-    dx, dy = lasers[j, 0] - lasers[i, 0], lasers[j, 1] - lasers[i, 1]
-    ci, si, cj, sj = lasers[i, 2], lasers[i, 3], lasers[j, 2], lasers[j, 3]
+    dx, dy = there[0] - here[0], there[1] - here[1]
+    ci, si, cj, sj = here[2], here[3], there[2], there[3]
     tx, ty = ci * dx + si * dy, -si * dx + ci * dy
     c, s = ci * cj + si * sj, ci * sj - si * cj
     found = 0
@@ -159,18 +148,30 @@ def depths_of_scan(i, j, polygons, points, lasers, beams, depths, which):
         begin = end_starts[j] + (b - circle_starts[j]) * POINTS_A_CIRCLE
         for row in range(begin, min(begin + POINTS_A_CIRCLE, end_starts[j + 1])):
             x, y = tx + c * ends[row, 0] - s * ends[row, 1], ty + s * ends[row, 0] + c * ends[row, 1]
-            k = wedge_of(x, y, my_rays, my_wedges, count) if x != 0.0 or y != 0.0 else 0
+            at_laser = x == 0.0 and y == 0.0
+            k = int(my_wedges[pseudo_bin(1.0 if at_laser else x, y)])
             after = k + 1 if k + 1 < count else 0
+            for _ in range(passes):
+                # The next ray is passed where the point lies beyond it, within a quarter turn.
+                ray_x, ray_y = my_rays[after, 0], my_rays[after, 1]
+                passed = (ray_x * y - ray_y * x >= 0.0) & (ray_x * x + ray_y * y > 0.0)
+                k = after if passed else k
+                after = k + 1 if k + 1 < count else 0
             x0, y0 = my_vertices[k, 0] * my_rays[k, 0], my_vertices[k, 0] * my_rays[k, 1]
             ex, ey = my_vertices[after, 0] * my_rays[after, 0] - x0, my_vertices[after, 0] * my_rays[after, 1] - y0
-            if not ex * (y - y0) - ey * (x - x0) > 0.0:
-                continue
-            d2 = squared_depth(x, y, k, my_vertices, my_rays)
-            if d2 > 0.0:
-                depths[found] = math.sqrt(d2)
-                which[found] = row
-                found += 1
-    return found
+            # Nobody can foresee which points are inside: they are gathered without a branch.
+            inside[found, 0], inside[found, 1] = x, y
+            wedges[found] = k
+            which[found] = row
+            found += int(ex * (y - y0) - ey * (x - x0) > 0.0)
+    deep = 0
+    for n in range(found):
+        d2 = squared_depth(inside[n, 0], inside[n, 1], wedges[n], my_vertices, my_rays)
+        if d2 > 0.0:
+            depths[deep] = math.sqrt(d2)
+            which[deep] = which[n]
+            deep += 1
+    return deep
 
 
 @njit(cache=True, nogil=True)
@@ -205,20 +206,24 @@ def sum_without_largest(values, count, dropped):
 
 
 @njit(cache=True, nogil=True)
-def measure_pairs(pairs, polygons, points, lasers, beams, drop, measured):
+def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured):
     """MC (2) for pairs of scans (k, 2): ``measured`` (k, 4) takes n_ij, M_ij, and both without the largest depths.
 
-    ``drop`` = (how many of a pair's largest depths are left out at least, which share of them at least).
+    ``stands``: (k, 2), the rows of ``lasers`` where the scans of each pair stand. ``drop`` = (how many of a pair's
+    largest depths are left out at least, which share of them at least).
     """
     end_starts = points[1]
     most = 0
     for row in range(end_starts.shape[0] - 1):
         most = max(most, end_starts[row + 1] - end_starts[row])
-    depths, which = np.empty(2 * most), np.empty(2 * most, np.int64)
+    # Gathering without a branch writes one place beyond the last.
+    depths, which = np.empty(2 * most), np.empty(2 * most + 1, np.int64)
+    room = (np.empty((most + 1, 2)), np.empty(most + 1, np.int64))
     for row in range(pairs.shape[0]):
         i, j = pairs[row, 0], pairs[row, 1]
-        n = depths_of_scan(i, j, polygons, points, lasers, beams, depths, which)
-        n += depths_of_scan(j, i, polygons, points, lasers, beams, depths[n:], which)
+        here, there = lasers[stands[row, 0]], lasers[stands[row, 1]]
+        n = depths_of_scan(i, j, here, there, polygons, points, beams, room, depths, which)
+        n += depths_of_scan(j, i, there, here, polygons, points, beams, room, depths[n:], which)
         total = 0.0
         for k in range(n):
             total += depths[k]
@@ -234,10 +239,12 @@ def mark_points(pairs, least_depths, polygons, points, lasers, beams, marks):
     most = 0
     for row in range(end_starts.shape[0] - 1):
         most = max(most, end_starts[row + 1] - end_starts[row])
-    depths, which = np.empty(most), np.empty(most, np.int64)
+    depths, which = np.empty(most), np.empty(most + 1, np.int64)
+    room = (np.empty((most + 1, 2)), np.empty(most + 1, np.int64))
     for row in range(pairs.shape[0]):
         for side in range(2):
-            n = depths_of_scan(pairs[row, side], pairs[row, 1 - side], polygons, points, lasers, beams, depths, which)
+            i, j = pairs[row, side], pairs[row, 1 - side]
+            n = depths_of_scan(i, j, lasers[i], lasers[j], polygons, points, beams, room, depths, which)
             for k in range(n):
                 if depths[k] >= least_depths[row]:
                     marks[which[k]] += 1

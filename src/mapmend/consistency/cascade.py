@@ -21,7 +21,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-LOW_SHARE, HIGH_SHARE, TAIL_STEPS = 0.5, 0.8, 2.7
+LOW_SHARE, HIGH_SHARE, TAIL_STEPS = 0.5, 0.8, 2.9
 """Where a consistent map's pairs reach that one in a hundred exceeds: from their median on, so many times as far as
 their 0.8 quantile, in logarithms."""
 
@@ -60,8 +60,13 @@ def judge_pairs(measures: PairMeasures, scales: Float, config: ConsistencyConfig
     pairs, n, total = measures.pairs[enough], measures.kept[enough], measures.kept_m[enough]
     scale = pair_scales(scales, pairs, config)
     inflation = _inflation(implied_scale(total, n, config.pair_level) / scale, config)
-    psi = (total / (inflation * scale) - n * HALF_NORMAL_MEAN) / (np.sqrt(n) * HALF_NORMAL_STD)
+    psi = standardized(total, n.astype(np.float64), inflation * scale)
     return PairTests(pairs, psi, psi > norm.isf(config.pair_level), inflation)
+
+
+def standardized(measure_m: Float, points: Float, scales: Float) -> Float:
+    """MC (5): by how many standard deviations M_ij lies above what n_ij half-normal depths sum to, (k,)."""
+    return np.asarray((measure_m / scales - points * HALF_NORMAL_MEAN) / (np.sqrt(points) * HALF_NORMAL_STD))
 
 
 def _inflation(needed: Float, config: ConsistencyConfig) -> float:

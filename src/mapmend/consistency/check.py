@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.cascade import PairTests, ScanTests, judge_pairs, judge_scans, map_p_value
 from mapmend.consistency.measure import measure_pairs
-from mapmend.consistency.regions import Region, contradicting_points, find_regions, suspect_loops
+from mapmend.consistency.regions import Region, contradicting_points, find_regions
 from mapmend.consistency.scale import estimate_scales, odometry_map, pair_scales, sensor_scales
+from mapmend.consistency.suspects import suspect_loops
 from mapmend.consistency.visibility import Views, build_views
 from mapmend.errors import MapmendError
 from mapmend.graph.pose_graph import PoseGraph
@@ -76,7 +77,9 @@ def check(
     tests = judge_scans(pairs, len(graph), config)
     p_value = map_p_value(tests, config)
     points = contradicting_points(views, pairs, tests, pairs.inflation * pair_scales(scales, pairs.pairs, config))
-    suspects, against = suspect_loops(graph, odometry_map(graph), pairs)
+    suspects, against = suspect_loops(
+        graph, views, odometry_map(graph), pairs.inflation * scales, config, threads=threads, progress=progress
+    )
     return CheckResult(
         consistent=p_value > config.map_level,
         p_value=p_value,

@@ -64,8 +64,14 @@ def measure_pairs(
 
 def measure(views: Views, pairs: Int, drop: tuple[int, float] = (0, 0.0)) -> Float:
     """n_ij, M_ij, and both without the largest depths, of pairs (k, 2) of scans: (k, 4)."""
+    return measure_at(views, pairs, pairs, views.lasers, drop)
+
+
+def measure_at(views: Views, pairs: Int, stands: Int, lasers: Float, drop: tuple[int, float]) -> Float:
+    """The same of scans whose lasers stand elsewhere: at the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
     measured = np.zeros((len(pairs), 4))
-    _kernels.measure_pairs(pairs, *kernel_views(views), np.array(drop, dtype=np.float64), measured)
+    polygons, points, _, beams = kernel_views(views)
+    _kernels.measure_pairs(pairs, stands, polygons, points, lasers, beams, np.array(drop, dtype=np.float64), measured)
     return measured
 
 
@@ -76,5 +82,5 @@ def kernel_views(views: Views) -> tuple[Any, ...]:
         (views.vertices, views.vertex_offsets, views.reach2),
         (views.points, views.point_offsets, views.circles, views.circle_offsets),
         views.lasers,
-        (beams.rays, beams.first_wedges, beams.counts, views.laser_of),
+        (beams.rays, beams.first_wedges, beams.most_passed, beams.counts, views.laser_of),
     )

@@ -34,11 +34,12 @@ class Beams:
 
     ``rays``: (lasers, most, 2): the directions of the vertices, and behind them one into the middle of the blind side
     where there is one; there the polygon comes back to the laser. ``first_wedges``: int16, (lasers, BINS).
-    ``counts``: (lasers,), how many directions.
+    ``most_passed``: (lasers,), how many rays lie in one bin at most. ``counts``: (lasers,), how many directions.
     """
 
     rays: Float
     first_wedges: NDArray[np.int16]
+    most_passed: Int
     counts: Int
 
 
@@ -107,7 +108,7 @@ def build_views(scans: Scans, poses: Float, config: ConsistencyConfig) -> Views:
     point_offsets = np.concatenate(([0], np.cumsum(is_point)))[scans.offsets].astype(np.int64)
     circles, circle_offsets = _circles(points, point_offsets)
     reach2 = np.zeros((n, _kernels.SECTORS))
-    kernel_beams = (beams.rays, beams.first_wedges, beams.counts, laser_of)
+    kernel_beams = (beams.rays, beams.first_wedges, beams.most_passed, beams.counts, laser_of)
     _kernels.sector_reach(vertices, vertex_offsets, kernel_beams, reach2)
     lasers = _lasers(scans, poses, laser_of)
     return Views(
@@ -164,7 +165,10 @@ def _beams(geometries: tuple[LaserGeometry, ...]) -> Beams:
         rays[k, : len(bearings)] = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
         if len(bearings):
             first_wedges[k] = _first_wedges(bearings)
-    return Beams(rays, first_wedges, np.array([len(bearings) for bearings in directions], dtype=np.int64))
+    counts = np.array([len(bearings) for bearings in directions], dtype=np.int64)
+    passed = (np.roll(first_wedges, -1, axis=1) - first_wedges) % np.maximum(counts, 1)[:, None]
+    # A bin begins a hair before its place: the ray there, too, lies in it.
+    return Beams(rays, first_wedges, passed.max(axis=1) + 1, counts)
 
 
 def _directions(geometry: LaserGeometry) -> Float:
@@ -195,6 +199,11 @@ def _first_wedges(bearings: Float) -> NDArray[np.int16]:
 
 def _offsets(counts: Int) -> Int:
     return np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+
+
+def laser_places(scans: Scans, rows: Int, poses: Float) -> Float:
+    """Where the lasers of the given scans stand when the robot is at ``poses``, (k, 3): x, y, cosine, sine, (k, 4)."""
+    return _lasers(scans, poses, scans.geometry_index[rows].astype(np.int64))
 
 
 def _lasers(scans: Scans, poses: Float, laser_of: Int) -> Float:
