@@ -50,6 +50,9 @@ CONFIG = ConsistencyConfig()
 DROP = (CONFIG.drop_points, CONFIG.drop_share)
 GRAPHS = ("intel.toro.gz", "fr079.toro.gz", "killian.g2o.gz")
 KEY_SCANS = ("belgioioso.clf.gz", "edmonton.clf.gz")
+UNSURE = ("killian.g2o.gz", "edmonton.clf.gz")
+"""Not taken for right as they are: walls stand twice where the robot came back (killian at x = -10, y = 33)."""
+
 NOISES = (0.3, 0.6, 1.0)
 MOVING = Dynamics(people=3, moved_objects=3)
 DIRECT_PAIRS = 5000
@@ -206,7 +209,8 @@ def labelled_maps(data: str | None, maps: int) -> Iterator[tuple[str, bool, Labe
             except MapmendError as error:
                 print(f"left out: {error}")
     for number, (name, is_dynamic, graph) in enumerate(real_maps(data)):
-        yield name, is_dynamic, consistent_map(graph)
+        if name not in UNSURE:
+            yield name, is_dynamic, consistent_map(graph)
         for kind in kinds[number % 2 :: 2]:
             yield name, is_dynamic, corrupt(graph, kind, 1)
 
@@ -288,7 +292,8 @@ def graphs(data: str | None, _maps: int, threads: int, _scans: int) -> None:
     rows = []
     for name in GRAPHS:
         graph = scan_graph(data, name)
-        for what, one in (("as stored", graph), ("odometry alone", graph.with_poses(odometry_map(graph).poses))):
+        laid = graph.with_poses(odometry_map(graph).poses)
+        for what, one in (("as stored", graph), ("odometry alone", laid)):
             result = check(one, CONFIG, threads=threads)
             verdict = "consistent" if result.consistent else "inconsistent"
             pairs, scans = (f"{100.0 * share.mean():.2f} %" for share in (result.pairs.failed, result.scans.failed))
