@@ -148,21 +148,23 @@ def in_rows(pieces: list[PoseGraph], count: int) -> PoseGraph:
 
 def null(_data: str | None, maps: int, threads: int, _scans: int) -> None:
     """What fails of maps that are consistent."""
-    rows = []
-    for kind, dynamics in (("static", Dynamics()), ("dynamic", MOVING)):
-        pairs, scans, p_values = [], [], []
-        for seed in range(5000, 5000 + maps):
-            noise = NOISES[seed % len(NOISES)]
-            result = check(simulated_map(world(seed), seed, dynamics=dynamics, noise=noise), CONFIG, threads=threads)
-            pairs.append(float(result.pairs.failed.mean()))
-            scans.append(float(result.scans.failed.sum() / np.count_nonzero(result.scans.tested)))
-            p_values.append(result.p_value)
-        failed = sum(p <= CONFIG.map_level for p in p_values)
-        shares = (f"{100.0 * np.mean(pairs):.2f} %", f"{100.0 * np.mean(scans):.2f} %")
-        rows.append((kind, f"{maps}", *shares, f"{failed}", f"{min(p_values):.3g}"))
-    levels = f"{CONFIG.pair_level:.0%}, {CONFIG.scan_level:.0%}, {CONFIG.map_level:.0%}"
+    rows = [null_row(kind, maps, threads) for kind in ("static", "dynamic")]
     print(markdown(("consistent maps", "count", "pairs failed", "scans failed", "maps failed", "least p"), rows))
-    print(f"\nlevels: {levels}")
+    print(f"\nlevels: {CONFIG.pair_level:.0%}, {CONFIG.scan_level:.0%}, {CONFIG.map_level:.0%}")
+
+
+def null_row(kind: str, maps: int, threads: int) -> tuple[str, ...]:
+    pairs, scans, p_values = [], [], []
+    for seed in range(5000, 5000 + maps):
+        dynamics = MOVING if kind == "dynamic" else Dynamics()
+        graph = simulated_map(world(seed), seed, dynamics=dynamics, noise=NOISES[seed % len(NOISES)])
+        result = check(graph, CONFIG, threads=threads)
+        pairs.append(float(result.pairs.failed.mean()))
+        scans.append(float(result.scans.failed.sum() / np.count_nonzero(result.scans.tested)))
+        p_values.append(result.p_value)
+    failed = sum(p <= CONFIG.map_level for p in p_values)
+    shares = (f"{100.0 * np.mean(pairs):.2f} %", f"{100.0 * np.mean(scans):.2f} %")
+    return (kind, f"{maps}", *shares, f"{failed}", f"{min(p_values):.3g}")
 
 
 @dataclass(frozen=True)

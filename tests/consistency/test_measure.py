@@ -45,8 +45,8 @@ def test_the_measure_is_that_of_the_definition(seed, first, second):
 def test_the_measure_is_that_of_the_definition_on_real_scans(name):
     graph = read(data_path(f"scangraphs/{name}"))
     views = build_views(graph.scans, graph.poses, CONFIG)
-    pairs = measure_pairs(views).pairs
-    pairs = pairs[np.random.default_rng(1).choice(len(pairs), 5, replace=False)]
+    pairs = find_overlaps(views.boxes).listed(0, 200)
+    pairs = pairs[np.random.default_rng(1).choice(len(pairs), 8, replace=False)]
     for (i, j), (n, total, *_) in zip(pairs, measure(views, pairs), strict=True):
         expected_n, expected, _ = plain.pair_measure(graph.scans, graph.poses, i, j, CONFIG)
         assert n == expected_n
@@ -204,3 +204,19 @@ def test_marked_points_are_those_that_lie_so_deep():
                 expected[row] += bool(distances) and distances[0] >= depth
     assert expected.sum() > 20
     np.testing.assert_array_equal(marks, expected)
+
+
+@pytest.mark.parametrize("geometry", LASERS)
+def test_no_polygon_reaches_farther_in_a_sector_than_is_noted(geometry):
+    from mapmend.consistency import _kernels
+
+    rng = np.random.default_rng(5)
+    views = build_views(scans_of((geometry,), [random_readings(rng, geometry.beam_count)]), np.zeros((1, 3)), CONFIG)
+    polygon = views.vertices[:, :1] * views.beams.rays[0, : len(views.vertices)]
+    for begin, end in plain.sides(polygon):
+        for x, y in begin + np.linspace(0.0, 1.0, 50)[:, None] * (end - begin):
+            if x or y:
+                sector = _kernels.pseudo_bin(x, y) // _kernels.BINS_A_SECTOR
+                assert x * x + y * y <= views.reach2[0, sector] * (1.0 + 1e-12)
+                assert _kernels.may_reach(x * 0.99, y * 0.99, 0.0, views.reach2[0])
+    assert not _kernels.may_reach(30.0, 1.0, 0.5, views.reach2[0])

@@ -25,7 +25,7 @@ BINS_A_SECTOR = 64
 SECTORS = BINS // BINS_A_SECTOR
 """Sectors are coarse bins: how far a polygon reaches in each tells which points can't be inside."""
 
-POINTS_A_CIRCLE = 8
+POINTS_A_CIRCLE = 12
 """Neighbouring end points that are looked at together: where their circle is out of reach, all of them are."""
 
 
