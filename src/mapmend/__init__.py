@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mapmend.config import Config as Config
+    from mapmend.consistency.check import CheckResult as CheckResult
+    from mapmend.consistency.check import check as check
     from mapmend.errors import MapmendError as MapmendError
     from mapmend.io.reader import read as read
     from mapmend.run_folder import write_run as write_run
@@ -24,16 +26,29 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "CheckResult": "mapmend.consistency.check",
     "Config": "mapmend.config",
     "MapResult": "mapmend.slam",
     "MapmendError": "mapmend.errors",
     "build_map": "mapmend.slam",
+    "check": "mapmend.consistency.check",
     "read": "mapmend.io.reader",
     "read_log": "mapmend.slam",
     "write_run": "mapmend.run_folder",
 }
 
-__all__ = ["Config", "MapResult", "MapmendError", "__version__", "build_map", "read", "read_log", "write_run"]
+__all__ = [
+    "CheckResult",
+    "Config",
+    "MapResult",
+    "MapmendError",
+    "__version__",
+    "build_map",
+    "check",
+    "read",
+    "read_log",
+    "write_run",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -84,6 +84,7 @@ def parser() -> argparse.ArgumentParser:
     _add_info(commands)
     _add_map(commands)
     _add_optimize(commands)
+    _add_check(commands)
     _add_eval(commands)
     _add_simulate(commands)
     return top
@@ -173,6 +174,20 @@ def _add_optimize(commands: Commands) -> None:
         "along a tree of the best edges, or rotations first",
     )
     command.add_argument("--all-edges", action="store_true", help="let the kernel doubt odometry edges too")
+
+
+def _add_check(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "check",
+        "check",
+        "say whether a map is consistent, and where not: exit code 0 for yes, 1 for no",
+        "Needs a pose graph whose nodes carry scans, and no ground truth. Leaves check.png.",
+    )
+    command.add_argument("graph", metavar="RUN|GRAPH", help="a RUN folder, or a g2o or TORO graph (.gz and .bz2 too)")
+    command.add_argument("-o", "--output", metavar="DIR", help="where check.png goes (default: the RUN, or here)")
+    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
+    _add_threads(command)
 
 
 def _add_eval(commands: Commands) -> None:

@@ -100,6 +100,27 @@ class LoopConfig:
 
 
 @dataclass(frozen=True)
+class ConsistencyConfig:
+    """The consistency measure and its test (MC III and IV)."""
+
+    min_range_m: float = 0.05
+    max_range_m: float = 8.0  # what lies beyond is seen too sparsely; the free space up to there still counts
+    min_points: int = 10  # inconsistent points that a pair must keep to be tested
+    drop_points: int = 10  # a pair's largest depths, left out of its test: people, glass, bad readings
+    drop_share: float = 0.1
+    neighbours: int = 20  # scans before and after along the odometry that a scale is estimated from
+    scale_level: float = 0.05  # (10): a scan's pairs along the odometry all pass at this level
+    prior_std_m: float = 0.03  # what an optimized pose may be off, added to every scale
+    least_inflation: float = 0.4  # how far a map's own pairs may narrow or widen the scales
+    most_inflation: float = 2.0
+    pair_level: float = 0.01
+    scan_level: float = 0.01
+    scan_dependence: float = 0.07  # correlation between the tests of one scan's pairs
+    map_level: float = 0.01
+    map_dependence: float = 0.03  # and between the scans of one map
+
+
+@dataclass(frozen=True)
 class Config:
     """All blocks; ``seed`` feeds the hypotheses."""
 
@@ -109,6 +130,7 @@ class Config:
     motion: MotionConfig = field(default_factory=MotionConfig)
     key_nodes: KeyNodeConfig = field(default_factory=KeyNodeConfig)
     loops: LoopConfig = field(default_factory=LoopConfig)
+    consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
     seed: int = 0
 
 
@@ -129,6 +151,15 @@ ABOVE_ZERO = {
     "loops.guess_every_m",
     "loops.certain_std_m",
     "loops.certain_std_rad",
+    "consistency.max_range_m",
+    "consistency.min_points",
+    "consistency.neighbours",
+    "consistency.scale_level",
+    "consistency.prior_std_m",
+    "consistency.least_inflation",
+    "consistency.pair_level",
+    "consistency.scan_level",
+    "consistency.map_level",
 }
 SHARES = {
     "scan.surface_gap",
@@ -138,8 +169,17 @@ SHARES = {
     "loops.min_agreement",
     "loops.min_overlap",
     "loops.min_observability",
+    "consistency.drop_share",
 }
-BELOW_ONE = {"loops.gate_quantile"}
+BELOW_ONE = {
+    "loops.gate_quantile",
+    "consistency.scale_level",
+    "consistency.pair_level",
+    "consistency.scan_level",
+    "consistency.scan_dependence",
+    "consistency.map_level",
+    "consistency.map_dependence",
+}
 
 
 def to_dict(config: Config) -> dict[str, Any]:
@@ -169,6 +209,9 @@ def from_dict(tables: dict[str, Any], source: str | None = None) -> Config:
     nearest, farthest = config.scan.min_range_m, config.scan.max_range_m
     if nearest >= farthest:
         raise InputError(source, f"'scan.max_range_m' is {farthest:g}", f"give more than min_range_m, {nearest:g}")
+    low, high = config.consistency.least_inflation, config.consistency.most_inflation
+    if low > high:
+        raise InputError(source, f"'consistency.most_inflation' is {high:g}", f"give {low:g} (least_inflation) or more")
     return config
 
 
@@ -216,6 +259,7 @@ def to_toml(config: Config) -> str:
 
 __all__ = [
     "Config",
+    "ConsistencyConfig",
     "GridConfig",
     "KeyNodeConfig",
     "LoopConfig",

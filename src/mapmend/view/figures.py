@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,8 @@ def new_figure(panels: int, width_m: float, height_m: float) -> Figure:
     return figure
 
 
-def save_figure(figure: Figure, path: str | Path) -> None:
-    """Writes a PNG without the date and the program's version: the same drawing, the same bytes."""
+def save_figure(figure: Figure, path: str | Path | IO[bytes]) -> None:
+    """Writes a PNG to a file or stream, without date and program's version: the same drawing, the same bytes."""
     figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.15, metadata={"Software": None})
 
 

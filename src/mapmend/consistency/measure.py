@@ -1,0 +1,86 @@
+"""The pairwise inconsistency measure, MC (1) and (2), of all overlapping pairs of scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.consistency import _kernels
+from mapmend.consistency.pairs import find_overlaps
+from mapmend.consistency.visibility import Views
+from mapmend.parallel import Progress, map_in_order, no_progress
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+PAIRS_A_PIECE = 1 << 14
+
+
+@dataclass(frozen=True)
+class PairMeasures:
+    """The measured pairs of n scans, a row each, i < j, in order: what the sparse Psi is made of.
+
+    ``pairs``: (k, 2). ``points``: (k,), n_ij; ``measure_m``: (k,), M_ij. ``kept``, ``kept_m``: the same without each
+    pair's largest depths. ``overlapping``: how many pairs overlap, those left out for want of points included.
+    """
+
+    pairs: Int
+    points: Int
+    measure_m: Float
+    kept: Int
+    kept_m: Float
+    overlapping: int
+
+
+def measure_pairs(
+    views: Views,
+    fewest: int = 0,
+    drop: tuple[int, float] = (0, 0.0),
+    threads: int = 1,
+    progress: Progress = no_progress,
+) -> PairMeasures:
+    """Measures all pairs whose bounding boxes overlap; the same for any number of threads.
+
+    Pairs with fewer than ``fewest`` inconsistent points are counted and left out: memory follows those that are kept.
+    ``drop``: how many of a pair's largest depths are left out of ``kept_m`` at least, and which share of them at least.
+    """
+    overlaps = find_overlaps(views.boxes)
+
+    def work(piece: tuple[int, int]) -> tuple[Int, Float]:
+        pairs = overlaps.listed(*piece)
+        measured = measure(views, pairs, drop)
+        enough = measured[:, 0] >= fewest
+        return pairs[enough], measured[enough]
+
+    parts = map_in_order(work, overlaps.pieces(PAIRS_A_PIECE), threads, "compare", progress)
+    pairs = np.concatenate([p for p, _ in parts]) if parts else np.zeros((0, 2), np.int64)
+    measured = np.concatenate([m for _, m in parts]) if parts else np.zeros((0, 4))
+    counts = measured[:, [0, 2]].astype(np.int64)
+    return PairMeasures(pairs, counts[:, 0], measured[:, 1], counts[:, 1], measured[:, 3], overlaps.total)
+
+
+def measure(views: Views, pairs: Int, drop: tuple[int, float] = (0, 0.0)) -> Float:
+    """n_ij, M_ij, and both without the largest depths, of pairs (k, 2) of scans: (k, 4)."""
+    return measure_at(views, pairs, pairs, views.lasers, drop)
+
+
+def measure_at(views: Views, pairs: Int, stands: Int, lasers: Float, drop: tuple[int, float]) -> Float:
+    """The same of scans whose lasers stand elsewhere: at the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
+    measured = np.zeros((len(pairs), 4))
+    polygons, points, _, beams = kernel_views(views)
+    _kernels.measure_pairs(pairs, stands, polygons, points, lasers, beams, np.array(drop, dtype=np.float64), measured)
+    return measured
+
+
+def kernel_views(views: Views) -> tuple[Any, ...]:
+    """Polygons, points, lasers and beams as the kernels take them."""
+    beams = views.beams
+    return (
+        (views.vertices, views.vertex_offsets, views.reach2),
+        (views.points, views.point_offsets, views.circles, views.circle_offsets),
+        views.lasers,
+        (beams.rays, beams.first_wedges, beams.most_passed, beams.counts, views.laser_of),
+    )

@@ -1,0 +1,78 @@
+"""Where a map is wrong: regions of scans that contradict each other, and the points that do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.consistency import _kernels
+from mapmend.consistency.cascade import PairTests, ScanTests
+from mapmend.consistency.measure import kernel_views
+from mapmend.consistency.visibility import Views
+from mapmend.graph.pose_graph import PoseGraph
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+DEEP = 2.0
+"""A point contradicts another scan where it lies this many of the pair's scales deep in its free space."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Failed scans that contradict each other. ``place_m``: the middle of the contradicting points; ``size_m``: the
+    larger side of the box that holds most of them. ``scans``: node rows; ``loops``: rows of edges that end among them,
+    the most suspect first. ``failures``: failed pairs of these scans.
+    """
+
+    place_m: tuple[float, float]
+    size_m: float
+    scans: Int
+    loops: Int
+    failures: int
+
+
+def contradicting_points(views: Views, tests: PairTests, scans: ScanTests, scales: Float) -> Bool:
+    """The end points, (returns,), that lie deep in the free space of a scan in a failed pair of two failed scans.
+
+    ``scales``: (k,), metres, those of the tested pairs.
+    """
+    chosen = tests.failed & scans.failed[tests.pairs].any(axis=1)
+    marks = np.zeros(len(views.points), np.int64)
+    least = DEEP * scales[chosen]
+    _kernels.mark_points(tests.pairs[chosen], least, *kernel_views(views), marks)
+    return np.asarray(marks > 0)
+
+
+def find_regions(
+    graph: PoseGraph, views: Views, tests: PairTests, scans: ScanTests, *, points: Bool, suspects: Int
+) -> list[Region]:
+    """The regions of failed scans, those with the most failed pairs first.
+
+    ``points``: (returns,), those that contradict; ``suspects``: rows of loop edges, in the order to list them.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    chosen = tests.failed & scans.failed[tests.pairs].all(axis=1)
+    a, b = tests.pairs[chosen].T
+    n = len(graph)
+    _, label = connected_components(coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
+    in_map = views.points_in_map()
+    owner = np.repeat(np.arange(n), np.diff(views.point_offsets))
+    found = []
+    for number in np.unique(label[scans.failed]):
+        rows = np.flatnonzero((label == number) & scans.failed)
+        is_here = np.zeros(n, np.bool_)
+        is_here[rows] = True
+        mine = in_map[points & is_here[owner]]
+        if not len(mine):
+            mine = graph.poses[rows, :2]
+        low, middle, high = np.quantile(mine, (0.1, 0.5, 0.9), axis=0)
+        loops = suspects[is_here[graph.edges[suspects]].any(axis=1)]
+        failures = int(np.count_nonzero(tests.failed & is_here[tests.pairs].any(axis=1)))
+        found.append(Region((float(middle[0]), float(middle[1])), float((high - low).max()), rows, loops, failures))
+    return sorted(found, key=lambda region: -region.failures)

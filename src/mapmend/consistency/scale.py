@@ -1,0 +1,126 @@
+"""How far scans that agree are inconsistent all the same: a scale for each scan, MC section IV-C.
+
+The map of the odometry edges alone, laid end to end, is right over short ways. What its neighbouring scans show of
+inconsistency is what noise, sampling and matching make of scans that agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.config import ConsistencyConfig
+from mapmend.consistency.measure import measure
+from mapmend.consistency.visibility import build_views
+from mapmend.errors import MapmendError
+from mapmend.geometry import se2
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.parallel import Progress, map_in_order, no_progress
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+HALF_NORMAL_MEAN = float(np.sqrt(2.0 / np.pi))
+HALF_NORMAL_STD = float(np.sqrt(1.0 - 2.0 / np.pi))
+"""Of a half-normal distribution with scale 1, MC (3)."""
+
+RANGE_STD_M = 0.01
+"""A laser's own noise, for graphs that tell nothing: a scale is the root of two of it (MC section IV-A)."""
+
+PAIRS_A_PIECE = 1 << 13
+
+
+@dataclass(frozen=True)
+class OdometryMap:
+    """The odometry edges laid end to end: ``poses`` (n, 3), from each chain's first node on, which stays in its place.
+
+    ``chain``: (n,), which chain a node is in; ``position``: (n,), which place it has there.
+    """
+
+    poses: Float
+    chain: Int
+    position: Int
+
+    def neighbours(self, reach: int) -> Int:
+        """Pairs (k, 2) of nodes up to ``reach`` places apart in one chain, the lower row first."""
+        order = np.lexsort((self.position, self.chain))
+        pairs = []
+        for step in range(1, min(reach, len(order) - 1) + 1):
+            first, second = order[:-step], order[step:]
+            together = self.chain[first] == self.chain[second]
+            pairs.append(np.stack((first[together], second[together]), axis=1))
+        found = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int64)
+        return np.sort(found, axis=1)
+
+
+def odometry_map(graph: PoseGraph) -> OdometryMap:
+    """The graph's odometry-only map; edges may be turned round, and chains may be several."""
+    n = len(graph)
+    steps: list[list[tuple[int, Float]]] = [[] for _ in range(n)]
+    for (i, j), measurement in zip(
+        graph.edges[~graph.is_loop].tolist(), graph.measurements[~graph.is_loop], strict=True
+    ):
+        steps[i].append((j, measurement))
+        steps[j].append((i, se2.inverse(measurement)))
+    poses = graph.poses.astype(np.float64).copy()
+    chain, position = np.full(n, -1, np.int64), np.zeros(n, np.int64)
+    for start in range(n):
+        if chain[start] >= 0:
+            continue
+        chain[start] = start
+        waiting = [start]
+        for node in waiting:
+            for other, step in steps[node]:
+                if chain[other] < 0:
+                    chain[other], position[other] = start, position[node] + 1
+                    poses[other] = se2.compose(poses[node], step)
+                    waiting.append(other)
+    return OdometryMap(poses, chain, position)
+
+
+def implied_scale(measure_m: Float, points: Int, level: float) -> Float:
+    """The scale at which pairs just pass the test at ``level``, MC (10): metres, for M_ij and n_ij of shape (k,)."""
+    from scipy.stats import norm
+
+    n = np.maximum(points, 1).astype(np.float64)
+    return np.asarray(measure_m / (n * HALF_NORMAL_MEAN + float(norm.isf(level)) * np.sqrt(n) * HALF_NORMAL_STD))
+
+
+def estimate_scales(
+    graph: PoseGraph, config: ConsistencyConfig, threads: int = 1, progress: Progress = no_progress
+) -> Float | None:
+    """A scale for each node, (n,), metres: the largest that one of its pairs along the odometry implies, MC (10).
+
+    A node without such a pair takes the median. None where no node has one: the graph tells nothing of its noise.
+    """
+    assert graph.scans is not None
+    laid = odometry_map(graph)
+    if not np.all(np.isfinite(laid.poses)):
+        raise MapmendError("the odometry edges laid end to end lead beyond all numbers")
+    pairs = laid.neighbours(config.neighbours)
+    views = build_views(graph.scans, laid.poses, config)
+    pieces = [pairs[k : k + PAIRS_A_PIECE] for k in range(0, len(pairs), PAIRS_A_PIECE)]
+    drop = (config.drop_points, config.drop_share)
+    parts = map_in_order(lambda piece: measure(views, piece, drop), pieces, threads, "scales", progress)
+    measured = np.concatenate(parts) if parts else np.zeros((0, 4))
+    tested = measured[:, 2] >= config.min_points
+    if not tested.any():
+        return None
+    implied = implied_scale(measured[tested, 3], measured[tested, 2].astype(np.int64), config.scale_level)
+    scales = np.full(len(graph), -1.0)
+    np.maximum.at(scales, pairs[tested, 0], implied)
+    np.maximum.at(scales, pairs[tested, 1], implied)
+    scales[scales < 0.0] = np.median(scales[scales >= 0.0])
+    return scales
+
+
+def sensor_scales(n: int) -> Float:
+    """What the laser's noise alone gives, (n,), metres."""
+    return np.full(n, np.sqrt(2.0) * RANGE_STD_M)
+
+
+def pair_scales(scales: Float, pairs: Int, config: ConsistencyConfig) -> Float:
+    """The larger of each pair's two scales, with what optimized poses may be off: (k,), metres."""
+    return np.asarray(np.hypot(np.maximum(scales[pairs[:, 0]], scales[pairs[:, 1]]), config.prior_std_m))

@@ -1,0 +1,35 @@
+"""The rival measure against its plain twin, and what it says of right and wrong maps."""
+
+import numpy as np
+
+from mapmend.config import ConsistencyConfig
+from mapmend.consistency.haehnel import CELL_M, count_over_grids, log_likelihoods
+from mapmend.consistency.visibility import build_views
+from mapmend.geometry import se2
+from tests.consistency.scenes import room_graph
+from tests.reference import consistency_haehnel as plain
+
+CONFIG = ConsistencyConfig()
+
+
+def test_counts_are_those_of_the_plain_grid():
+    graph = room_graph(10)
+    views = build_views(graph.scans, graph.poses, CONFIG)
+    pairs = np.array([(0, 3), (0, 8), (2, 5)])
+    rays = views.beams.rays[0]
+    for (i, j), got in zip(pairs, count_over_grids(views, pairs), strict=True):
+        mine = slice(views.vertex_offsets[i], views.vertex_offsets[i + 1])
+        ends = [views.points[views.point_offsets[k] : views.point_offsets[k + 1]] for k in (i, j)]
+        cells = plain.grid_of(views.vertices[mine, 0], rays, ends[0], CELL_M)
+        seen = se2.transform_points(se2.between(graph.poses[i], graph.poses[j]), ends[1])
+        assert got.tolist() == list(plain.counts_over(cells, seen, CELL_M))
+
+
+def test_a_double_wall_is_less_likely():
+    graph = room_graph(40)
+    right = log_likelihoods(build_views(graph.scans, graph.poses, CONFIG))
+    poses = graph.poses.copy()
+    poses[20:, 0] += 0.4
+    wrong = log_likelihoods(build_views(graph.scans, poses, CONFIG), threads=2)
+    assert wrong.mean.mean() < right.mean.mean() - 0.1
+    assert right.mean.max() <= np.log(0.9) + 1e-12
