@@ -1,6 +1,7 @@
 """The cascaded test: its scales, its binomial tails, and the level of each stage."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,6 +103,20 @@ def test_a_map_without_tested_pairs_is_consistent():
     scans = judge_scans(judge_pairs(measures_of(nothing, [], []), np.full(4, 0.01), CONFIG), 4, CONFIG)
     assert not scans.failed.any()
     assert map_p_value(scans, CONFIG) == 1.0
+
+
+def test_odometry_edges_over_several_nodes_are_no_short_cuts():
+    """The front end's stretch edges join nodes eight apart; neighbours along the odometry stay those of the chain."""
+    graph = room_graph(20)
+    stretch = replace(
+        graph,
+        edges=np.concatenate((graph.edges, [(0, 8), (8, 16)])),
+        measurements=np.concatenate((graph.measurements, np.full((2, 3), 9.0))),
+        information=np.concatenate((graph.information, graph.information[:2])),
+        is_loop=np.concatenate((graph.is_loop, [False, False])),
+    )
+    for name in ("poses", "chain", "position"):
+        np.testing.assert_array_equal(getattr(odometry_map(stretch), name), getattr(odometry_map(graph), name))
 
 
 def test_the_odometry_map_is_the_edges_laid_end_to_end():

@@ -56,12 +56,18 @@ class OdometryMap:
 
 
 def odometry_map(graph: PoseGraph) -> OdometryMap:
-    """The graph's odometry-only map; edges may be turned round, and chains may be several."""
+    """The graph's odometry-only map; edges may be turned round, and chains may be several.
+
+    Odometry edges over several nodes, where there are others, say nothing of their own (``front_end.state``).
+    """
     n = len(graph)
     steps: list[list[tuple[int, Float]]] = [[] for _ in range(n)]
-    for (i, j), measurement in zip(
-        graph.edges[~graph.is_loop].tolist(), graph.measurements[~graph.is_loop], strict=True
-    ):
+    used = ~graph.is_loop
+    joins_neighbours = np.abs(np.diff(graph.edges, axis=1)[:, 0]) == 1
+    joins_neighbours |= np.abs(np.diff(graph.ids[graph.edges], axis=1)[:, 0]) == 1
+    if np.any(used & joins_neighbours):
+        used &= joins_neighbours
+    for (i, j), measurement in zip(graph.edges[used].tolist(), graph.measurements[used], strict=True):
         steps[i].append((j, measurement))
         steps[j].append((i, se2.inverse(measurement)))
     poses = graph.poses.astype(np.float64).copy()
