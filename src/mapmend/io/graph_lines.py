@@ -20,6 +20,7 @@ VERTEX_TAGS = (b"VERTEX_SE2", b"VERTEX2")
 EDGE_TAGS = (b"EDGE_SE2", b"EDGE2")
 
 _LASERS = {b"ROBOTLASER%d" % k: k for k in range(1, 10)}
+_TAGS = {*VERTEX_TAGS, *EDGE_TAGS, *_LASERS}
 _VERTEX_FIELDS = ("id", "x", "y", "theta")
 _EDGE_FIELDS = ("id i", "id j", "x", "y", "theta", *(f"information entry {k}" for k in range(1, 7)))
 _LASER_LINES_AT_A_TIME = 4000
@@ -78,11 +79,14 @@ def _sort_lines(data: bytes, path: str | Path) -> _Content:
     content = _Content()
     in_loops = False
     for number, line in enumerate(data.split(b"\n"), 1):
-        words = line[:24].split(None, 1)
-        if not words:
-            continue
-        keyword = words[0]
-        text = line[line.index(keyword) + len(keyword) :]
+        keyword, _, text = line.partition(b" ")
+        if keyword not in _TAGS:
+            # Blanks before it, a tab behind it, or none of ours.
+            words = line[:24].split(None, 1)
+            if not words:
+                continue
+            keyword = words[0]
+            text = line[line.index(keyword) + len(keyword) :]
         if keyword in VERTEX_TAGS:
             content.vertices.add(text, number)
         elif keyword in EDGE_TAGS:
