@@ -199,7 +199,7 @@ def test_the_same_pattern_gives_the_same_elimination():
 
 @pytest.mark.parametrize(("name", "most"), [("intel", 6_000), ("M3500", 23_000)])
 def test_public_graphs_fill_in_little(name, most):
-    """qdldl's order of the unknowns one by one leaves 5,650 and 22,038 blocks too."""
+    """Blocks below the diagonal: 5,650 and 22,038 when this was written."""
     graph = read_public_graph(name)
     starts, neighbours, order = ordered(graph.edges - 1, len(graph) - 1)
     assert ordering.elimination_tree(starts, neighbours, order)[1].sum() < most
