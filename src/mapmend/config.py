@@ -109,6 +109,7 @@ class ConsistencyConfig:
     drop_points: int = 10  # a pair's largest depths, left out of its test: people, glass, bad readings
     drop_share: float = 0.1
     neighbours: int = 20  # scans before and after along the odometry that a scale is estimated from
+    neighbours_m: float = 6.0  # and no farther than this: key scans lie metres apart, and drift between them
     scale_level: float = 0.05  # (10): a scan's pairs along the odometry all pass at this level
     prior_std_m: float = 0.03  # what an optimized pose may be off, added to every scale
     least_inflation: float = 0.4  # how far a map's own pairs may narrow or widen the scales
@@ -117,7 +118,7 @@ class ConsistencyConfig:
     scan_level: float = 0.01
     scan_dependence: float = 0.07  # correlation between the tests of one scan's pairs
     map_level: float = 0.01
-    map_dependence: float = 0.03  # and between the scans of one map
+    map_dependence: float = 0.04  # and between the scans of one map
 
 
 @dataclass(frozen=True)

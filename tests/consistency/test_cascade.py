@@ -126,9 +126,11 @@ def test_the_odometry_map_is_the_edges_laid_end_to_end():
     laid = odometry_map(bent)
     np.testing.assert_allclose(laid.poses, expected, atol=1e-12)
     assert laid.position.tolist() == list(range(12))
-    pairs = laid.neighbours(3)
+    pairs = laid.neighbours(3, 1e3)
     assert {(b - a) for a, b in pairs.tolist()} == {1, 2, 3}
     assert len(pairs) == 11 + 10 + 9
+    step_m = np.hypot(*(graph.poses[1] - graph.poses[0])[:2])
+    assert 11 <= len(laid.neighbours(3, 1.5 * step_m)) < 20  # the turn is made in place
 
 
 def test_odometry_edges_may_point_backwards_and_chains_be_several():
@@ -144,7 +146,7 @@ def test_odometry_edges_may_point_backwards_and_chains_be_several():
         object.__setattr__(halves, name, getattr(graph, name)[keep])
     laid = odometry_map(halves)
     assert laid.chain.tolist() == [0] * 6 + [6] * 6
-    assert all((a < 6) == (b < 6) for a, b in laid.neighbours(4).tolist())
+    assert all((a < 6) == (b < 6) for a, b in laid.neighbours(4, 1e3).tolist())
 
 
 def test_all_pairs_along_the_odometry_pass_at_their_own_scales():

@@ -36,20 +36,23 @@ PAIRS_A_PIECE = 1 << 13
 class OdometryMap:
     """The odometry edges laid end to end: ``poses`` (n, 3), from each chain's first node on, which stays in its place.
 
-    ``chain``: (n,), which chain a node is in; ``position``: (n,), which place it has there.
+    ``chain``: (n,), which chain a node is in; ``position``: (n,), which place it has there; ``way_m``: (n,), how long
+    the way to it is.
     """
 
     poses: Float
     chain: Int
     position: Int
+    way_m: Float
 
-    def neighbours(self, reach: int) -> Int:
-        """Pairs (k, 2) of nodes up to ``reach`` places apart in one chain, the lower row first."""
+    def neighbours(self, reach: int, reach_m: float) -> Int:
+        """Pairs (k, 2) of nodes up to ``reach`` places and ``reach_m`` of way apart in one chain, lower row first."""
         order = np.lexsort((self.position, self.chain))
         pairs = []
         for step in range(1, min(reach, len(order) - 1) + 1):
             first, second = order[:-step], order[step:]
             together = self.chain[first] == self.chain[second]
+            together &= np.abs(self.way_m[second] - self.way_m[first]) <= reach_m
             pairs.append(np.stack((first[together], second[together]), axis=1))
         found = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int64)
         return np.sort(found, axis=1)
@@ -71,7 +74,7 @@ def odometry_map(graph: PoseGraph) -> OdometryMap:
         steps[i].append((j, measurement))
         steps[j].append((i, se2.inverse(measurement)))
     poses = graph.poses.astype(np.float64).copy()
-    chain, position = np.full(n, -1, np.int64), np.zeros(n, np.int64)
+    chain, position, way_m = np.full(n, -1, np.int64), np.zeros(n, np.int64), np.zeros(n)
     for start in range(n):
         if chain[start] >= 0:
             continue
@@ -81,9 +84,10 @@ def odometry_map(graph: PoseGraph) -> OdometryMap:
             for other, step in steps[node]:
                 if chain[other] < 0:
                     chain[other], position[other] = start, position[node] + 1
+                    way_m[other] = way_m[node] + np.hypot(step[0], step[1])
                     poses[other] = se2.compose(poses[node], step)
                     waiting.append(other)
-    return OdometryMap(poses, chain, position)
+    return OdometryMap(poses, chain, position, way_m)
 
 
 def implied_scale(measure_m: Float, points: Int, level: float) -> Float:
@@ -105,7 +109,7 @@ def estimate_scales(
     laid = odometry_map(graph)
     if not np.all(np.isfinite(laid.poses)):
         raise MapmendError("the odometry edges laid end to end lead beyond all numbers")
-    pairs = laid.neighbours(config.neighbours)
+    pairs = laid.neighbours(config.neighbours, config.neighbours_m)
     views = build_views(graph.scans, laid.poses, config)
     pieces = [pairs[k : k + PAIRS_A_PIECE] for k in range(0, len(pairs), PAIRS_A_PIECE)]
     drop = (config.drop_points, config.drop_share)
