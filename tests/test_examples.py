@@ -63,5 +63,12 @@ def test_05(folder, capsys):
     assert gnc.endswith("10 of the 10 false")
 
 
+def test_06(folder, capsys):
+    run("06", folder / "run" / "graph.g2o")
+    verdict, scans = capsys.readouterr().out.splitlines()[:2]
+    assert verdict.startswith("consistent")
+    assert scans.startswith("0 of ")
+
+
 def test_all_examples_are_run_here():
-    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05"]
+    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05", "06"]
