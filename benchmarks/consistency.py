@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import statistics
 import time
@@ -66,21 +67,22 @@ def main() -> None:
     parser = data_parser(__doc__)
     parser.add_argument("--what", choices=sorted(COMMANDS), required=True, help="which of the tables")
     parser.add_argument("--maps", type=int, default=200, metavar="N", help="how many maps (null, power)")
+    parser.add_argument("--first", type=int, default=5000, metavar="SEED", help="of the first map (null)")
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="default: 2")
     parser.add_argument("--scans", type=int, default=50_000, metavar="N", help="the most scans (growth)")
     options = parser.parse_args()
-    COMMANDS[options.what](options.data, options.maps, options.threads, options.scans)
+    COMMANDS[options.what](options)
 
 
-def speed(data: str | None, _maps: int, threads: int, _scans: int) -> None:
+def speed(options: argparse.Namespace) -> None:
     """MC Table I: N, R, K and seconds, and how many times as long the definition takes on some of the pairs."""
     rows = []
     for name in GRAPHS:
-        graph = scan_graph(data, name)
+        graph = scan_graph(options.data, name)
         views = build_views(graph.scans or stop("no scans"), graph.poses, CONFIG)
-        measure_pairs(views, CONFIG.min_points, DROP, threads)
-        seconds = [timed(partial(measure_pairs, views, CONFIG.min_points, DROP, threads)) for _ in range(3)]
-        whole = timed(partial(check, graph, CONFIG, threads=threads))
+        measure_pairs(views, CONFIG.min_points, DROP, options.threads)
+        seconds = [timed(partial(measure_pairs, views, CONFIG.min_points, DROP, options.threads)) for _ in range(3)]
+        whole = timed(partial(check, graph, CONFIG, threads=options.threads))
         overlaps = find_overlaps(views.boxes)
         pairs = overlaps.listed(0, len(views))
         pairs = pairs[np.sort(np.random.default_rng(0).choice(len(pairs), DIRECT_PAIRS, replace=False))]
@@ -108,23 +110,23 @@ def direct_ratio(views: Views, pairs: NDArray[np.int64]) -> float:
     return direct / ours
 
 
-def growth(_data: str | None, _maps: int, threads: int, scans: int) -> None:
+def growth(options: argparse.Namespace) -> None:
     """Buildings in rows of ever more: the pairs of a scan stay as many, so all should grow with the scans."""
     rows = []
     pieces = [simulated_map(random_building(seed), seed) for seed in range(4)]
     count = 500
-    while count <= scans:
+    while count <= options.scans:
         graph = in_rows(pieces, count)
         assert graph.scans is not None
         began = time.perf_counter()
         views = build_views(graph.scans, graph.poses, CONFIG)
-        measures = measure_pairs(views, CONFIG.min_points, DROP, threads)
+        measures = measure_pairs(views, CONFIG.min_points, DROP, options.threads)
         seconds = time.perf_counter() - began
         per_pair = f"{1e6 * seconds / max(measures.overlapping, 1):.2f}"
         rows.append((f"{count}", f"{measures.overlapping}", f"{seconds:.2f}", per_pair, f"{peak_mb():.0f}"))
         count *= 10 if count < 5000 else 2
-        if scans // 2 < count < scans:
-            count = scans
+        if options.scans // 2 < count < options.scans:
+            count = options.scans
     print(markdown(("scans", "pairs", "polygons and Psi [s]", "us a pair", "peak memory [MB]"), rows))
 
 
@@ -148,16 +150,16 @@ def in_rows(pieces: list[PoseGraph], count: int) -> PoseGraph:
     return PoseGraph(np.concatenate(poses), np.arange(count), nothing, *empty, scans=scans)
 
 
-def null(_data: str | None, maps: int, threads: int, _scans: int) -> None:
+def null(options: argparse.Namespace) -> None:
     """What fails of maps that are consistent."""
-    rows = [null_row(kind, maps, threads) for kind in ("static", "dynamic")]
+    rows = [null_row(kind, options.maps, options.threads, options.first) for kind in ("static", "dynamic")]
     print(markdown(("consistent maps", "count", "pairs failed", "scans failed", "maps failed", "least p"), rows))
     print(f"\nlevels: {CONFIG.pair_level:.0%}, {CONFIG.scan_level:.0%}, {CONFIG.map_level:.0%}")
 
 
-def null_row(kind: str, maps: int, threads: int) -> tuple[str, ...]:
+def null_row(kind: str, maps: int, threads: int, first: int) -> tuple[str, ...]:
     pairs, scans, p_values = [], [], []
-    for seed in range(5000, 5000 + maps):
+    for seed in range(first, first + maps):
         dynamics = MOVING if kind == "dynamic" else Dynamics()
         graph = simulated_map(world(seed), seed, dynamics=dynamics, noise=NOISES[seed % len(NOISES)])
         result = check(graph, CONFIG, threads=threads)
@@ -182,9 +184,11 @@ class Verdict:
     worst: float
 
 
-def power(data: str | None, maps: int, threads: int, _scans: int) -> None:
+def power(options: argparse.Namespace) -> None:
     """MC Figure 3 and the place: recall against specificity on labelled maps, half of them dynamic."""
-    verdicts = [judge(name, is_dynamic, m, threads) for name, is_dynamic, m in labelled_maps(data, maps)]
+    verdicts = [
+        judge(name, is_dynamic, m, options.threads) for name, is_dynamic, m in labelled_maps(options.data, options.maps)
+    ]
     print(markdown(("maps", "kind", "count", "called inconsistent", "least p", "largest p"), kind_rows(verdicts)))
     print()
     head = (
@@ -301,14 +305,14 @@ def place_rows(verdicts: list[Verdict]) -> list[tuple[str, ...]]:
     ]
 
 
-def graphs(data: str | None, _maps: int, threads: int, _scans: int) -> None:
+def graphs(options: argparse.Namespace) -> None:
     """Verdicts on the scan graphs."""
     rows = []
     for name in GRAPHS:
-        graph = scan_graph(data, name)
+        graph = scan_graph(options.data, name)
         laid = graph.with_poses(odometry_map(graph).poses)
         for what, one in (("as stored", graph), ("odometry alone", laid)):
-            result = check(one, CONFIG, threads=threads)
+            result = check(one, CONFIG, threads=options.threads)
             verdict = "consistent" if result.consistent else "inconsistent"
             pairs, scans = (f"{100.0 * share.mean():.2f} %" for share in (result.pairs.failed, result.scans.failed))
             rows.append((name, what, verdict, f"{result.p_value:.2g}", pairs, scans))
@@ -338,7 +342,7 @@ def timed(work: Callable[[], object]) -> float:
     return time.perf_counter() - began
 
 
-COMMANDS: dict[str, Callable[[str | None, int, int, int], None]] = {
+COMMANDS: dict[str, Callable[[argparse.Namespace], None]] = {
     "speed": speed,
     "growth": growth,
     "null": null,
