@@ -1,17 +1,12 @@
 """What can't be used is refused in one line with exit code 2, and nothing half-written is left."""
 
-import os
-import signal
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from mapmend import cli
 from mapmend.commands import info as info_command
 from mapmend.slam import METHODS, PLANNED
+from tests.cli.interrupts import interrupted
 
 
 @pytest.fixture
@@ -179,33 +174,9 @@ def test_the_unexpected_is_one_line_too(mapmend, monkeypatch, error):
     assert answer.complaint
 
 
-INTERRUPT = """
-import os, signal, sys
-from mapmend import cli
-from mapmend.commands import console
-
-def interrupt(self, stage, done, total):
-    if stage == sys.argv[1]:
-        os.kill(os.getpid(), signal.SIGINT)
-
-console.ProgressBar.__call__ = interrupt
-sys.exit(cli.main(sys.argv[2:]))
-"""
-
-
 @pytest.mark.parametrize("stage", ["matching", "map"])
 def test_ctrl_c_in_the_middle(log_path, tmp_path, stage):
-    command = [sys.executable, "-c", INTERRUPT, stage, "map", str(log_path), "-o", str(tmp_path / "run")]
-    done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        # A test run in the background of a shell has SIGINT ignored, and hands that on.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-        env={**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])},
-    )
+    done = interrupted(stage, "map", log_path, "-o", tmp_path / "run")
     assert done.returncode == 130
     lines = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
     assert lines == ["mapmend: interrupted; nothing was written"]

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +16,7 @@ from mapmend.graph.starts import STARTS
 from mapmend.io.g2o import read_g2o, write_g2o
 from mapmend.io.toro import read_toro, write_toro
 from mapmend.scan import LaserGeometry, Scans
+from tests.cli.interrupts import interrupted
 from tests.graph.graphs import perturbed, random_graph
 
 
@@ -163,27 +159,8 @@ def test_files_that_cannot_be_used(mapmend, path, tmp_path, log_path):
     assert not out.exists()
 
 
-INTERRUPT = """
-import os, signal, sys
-from mapmend import cli
-from mapmend.commands import console
-
-console.ProgressBar.__call__ = lambda *_: os.kill(os.getpid(), signal.SIGINT)
-sys.exit(cli.main(sys.argv[1:]))
-"""
-
-
 def test_ctrl_c_in_the_middle_leaves_nothing(path, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", INTERRUPT, "optimize", str(path), "-o", str(tmp_path / "out.g2o"), "--kernel", "gnc"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        # A test run in the background of a shell has SIGINT ignored, and hands that on.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-        env={**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])},
-    )
+    done = interrupted("optimize", "optimize", path, "-o", tmp_path / "out.g2o", "--kernel", "gnc")
     assert done.returncode == 130
     lines = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
     assert lines == ["mapmend: interrupted; nothing was written"]
