@@ -84,7 +84,7 @@ class LoopConfig:
     view_std_m: float = 2.5  # how far apart two poses may stand and still see the same walls
     guess_every_m: float = 0.05
     drift_per_m: float = 0.02  # guards the ellipse against over-confident edges
-    farthest_m: float = 60.0  # how far drift may have carried the robot since the last loop, three times its deviation
+    farthest_m: float = 60.0  # relocation looks for a robot that drift has carried away, this far at most
     certain_std_m: float = 0.1  # below it (and the next), the prior is good enough for Gauss-Newton alone
     certain_std_rad: float = 0.05
     min_likelihood: float = 0.45

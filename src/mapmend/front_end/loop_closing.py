@@ -148,7 +148,7 @@ class LoopSearch:
         """A key-node whose place is known well: the pose itself is guess enough, or else a short search finds it."""
         loops = self._config.loops
         covariance = self._certain()
-        predicted = self._seen_from(candidate.key_node, self._state.node_pose[self._state.last])
+        predicted = self._predicted(candidate.key_node)
         local = self._key_nodes.local_grid(candidate.key_node)
         points = self._points.of(int(self._state.node_scan[self._state.last]))
         match = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
@@ -158,18 +158,17 @@ class LoopSearch:
         agrees = matched >= loops.min_agreement * (matched + contradicted)
         if match.score >= loops.min_score and agrees and moved < 1.5:
             return self._edge(candidate, match) if self._is_observed(match) else None
-        return None if agrees and moved < 1.5 else self._searched(candidate, predicted, covariance)
+        return None if agrees and moved < 1.5 else self._searched(candidate, covariance)
 
     def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
         """A key-node that drift separates from here: gate, then search in the covariance ellipse."""
         covariance = self._relative_covariance(candidate)
         if not self._passes_gate(candidate, covariance):
             return None
-        predicted = self._seen_from(candidate.key_node, self._state.node_pose[self._state.last])
-        return self._searched(candidate, predicted, covariance)
+        return self._searched(candidate, covariance)
 
-    def _searched(self, candidate: Candidate, predicted: Float, covariance: Float) -> LoopEdge | None:
-        """The best-scoring match about ``predicted`` (3,), in the region that ``covariance`` leaves, if verified."""
+    def _searched(self, candidate: Candidate, covariance: Float) -> LoopEdge | None:
+        """The best-scoring match of the region about the newest node that ``covariance`` (3, 3) leaves, if verified."""
         state, loops = self._state, self._config.loops
         pair = (candidate.key_node, self._key_nodes.last)
         path = float(state.node_path_m[state.last])
@@ -177,6 +176,7 @@ class LoopSearch:
             return None
         self._tried_at_m[pair] = path
         self.attempts += 1
+        predicted = self._predicted(candidate.key_node)
         region = self._region(predicted, covariance)
         points = self._points.of(int(state.node_scan[state.last]))
         found = search(self._key_nodes.likelihood(candidate.key_node), points, region, loops.min_likelihood)
@@ -195,6 +195,10 @@ class LoopSearch:
         # The next node may try again at once: it is to confirm this one.
         del self._tried_at_m[pair]
         return self._edge(candidate, match)
+
+    def _predicted(self, key_node: int) -> Float:
+        """Where the newest node is believed to be in the frame of a key-node's local grid."""
+        return self._seen_from(key_node, self._state.node_pose[self._state.last])
 
     def _seen_from(self, key_node: int, pose: Float) -> Float:
         """A pose (3,) in the map, in the frame of a key-node's local grid."""
