@@ -6,13 +6,13 @@ grid's directions must not matter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from _measure import data_parser, log_path, markdown, relations_path, stop
-from numpy.typing import NDArray
 
 from mapmend.compiling import watch_compiling
+from mapmend.evaluation.altered_logs import turned
 from mapmend.evaluation.relations import RelationErrors, relation_errors
 from mapmend.geometry import se2
 from mapmend.io.relations import Relations, read_relations
@@ -80,21 +80,6 @@ def measure(log: ScanLog, relations: Relations, method: str, turn_rad: float = 0
     poses = se2.compose(result.trajectory.poses, np.array((0.0, 0.0, turn_rad)))
     errors = relation_errors(log.stamps_s, poses, relations.t1_s, relations.t2_s, relations.relative_poses)
     return Measured(errors, result.counts["loop_edges"], sum(result.seconds.values()) - compiling.seconds)
-
-
-def turned(log: ScanLog, turn_rad: float) -> ScanLog:
-    """The same drive with another name for "ahead": the map's frame is that of the first pose, so the map turns.
-
-    The robot's new frame is turned by ``-turn_rad`` on the spot; the odometry model is the same in all directions.
-    """
-    T_robot_frame: NDArray[np.float64] = np.array((0.0, 0.0, -turn_rad))
-    geometries = tuple(
-        replace(g, T_robot_laser=tuple(se2.between(T_robot_frame, g.T_robot_laser).tolist()))
-        for g in log.scans.geometries
-    )
-    return replace(
-        log, scans=replace(log.scans, geometries=geometries), odometry=se2.compose(log.odometry, T_robot_frame)
-    )
 
 
 if __name__ == "__main__":

@@ -7,15 +7,14 @@ count 3 % too much, and among people who stand in three beams of ten, anew in ev
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
 from _measure import markdown
 
 from mapmend.config import Config
+from mapmend.evaluation.altered_logs import with_people
 from mapmend.evaluation.trajectory import TrajectoryErrors, trajectory_errors
 from mapmend.front_end.builder import FrontEnd
-from mapmend.scan import ScanLog
 from mapmend.simulation import OdometryModel, random_building, simulate
 
 BENT = OdometryModel(rotation_bias_radpm=0.02, translation_scale=1.03)
@@ -47,14 +46,6 @@ def drive(seed: int, odometry: OdometryModel | None, share: float) -> tuple[Traj
     log = with_people(simulation.log, share, seed)
     state = FrontEnd(log, Config()).run()
     return trajectory_errors(log.stamps_s, state.scan_poses(), log.stamps_s, simulation.truth), len(state.loops)
-
-
-def with_people(log: ScanLog, share: float, seed: int) -> ScanLog:
-    """The log with returns from 0.4 m to 3 m in a share of its beams, where nothing nearer was."""
-    generator, ranges = np.random.default_rng(seed), log.scans.ranges_m.copy()
-    hit = generator.uniform(size=len(ranges)) < share
-    ranges[hit] = np.minimum(ranges[hit], generator.uniform(0.4, 3.0, hit.sum())).astype(np.float32)
-    return replace(log, scans=replace(log.scans, ranges_m=ranges))
 
 
 if __name__ == "__main__":

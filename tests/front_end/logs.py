@@ -46,14 +46,6 @@ def with_steps(log, change):
     return replace(log, odometry=np.array(poses))
 
 
-def with_people(log, share, seed):
-    """The log with short returns in a share of its beams."""
-    rng, ranges = np.random.default_rng(seed), log.scans.ranges_m.copy()
-    hit = rng.uniform(size=len(ranges)) < share
-    ranges[hit] = np.minimum(ranges[hit], rng.uniform(0.4, 3.0, hit.sum())).astype(np.float32)
-    return replace(log, scans=replace(log.scans, ranges_m=ranges))
-
-
 def empty_log(n):
     """n scans without a single return, standing still."""
     geometry = LaserGeometry(4, 0.0, 0.1, 10.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mapmend.config import Config
+from mapmend.evaluation.altered_logs import with_people
 from mapmend.front_end.builder import FrontEnd
 from mapmend.front_end.motion import odometry_covariance
 from mapmend.geometry import se2
@@ -20,7 +21,6 @@ from tests.front_end.logs import (
     empty_log,
     errors_of,
     mapped,
-    with_people,
     with_steps,
 )
 from tests.grid.contents import Contents

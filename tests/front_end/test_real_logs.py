@@ -1,11 +1,10 @@
 """The public recordings: accuracy over all relations, and the long loops of fr-clinic."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from mapmend.config import Config
+from mapmend.evaluation.altered_logs import turned
 from mapmend.evaluation.relations import relation_errors
 from mapmend.front_end.builder import FrontEnd
 from mapmend.geometry import se2
@@ -41,14 +40,3 @@ def test_fr_clinic_comes_back_to_its_start_whichever_way_the_grid_lies(turn_rad)
     loops = np.array([(state.node_scan[e.anchor], state.node_scan[e.node]) for e in state.loops])
     assert np.count_nonzero(loops[:, 0] < 300) >= 10
     assert np.count_nonzero((loops[:, 0] < 3000) & (loops[:, 1] >= len(state.log) - 800)) >= 2
-
-
-def turned(log, turn_rad):
-    """The same drive with the first pose turned against the grid: the robot's frame is turned by ``-turn_rad``."""
-    T_robot_frame = np.array((0.0, 0.0, -turn_rad))
-    geometries = tuple(
-        replace(g, T_robot_laser=tuple(se2.between(T_robot_frame, g.T_robot_laser))) for g in log.scans.geometries
-    )
-    return replace(
-        log, scans=replace(log.scans, geometries=geometries), odometry=se2.compose(log.odometry, T_robot_frame)
-    )
