@@ -136,6 +136,7 @@ def _add_map(commands: Commands) -> None:
     )
     command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
     command.add_argument("--seed", type=_whole, metavar="N", help="seed of the motion hypotheses (default: 0)")
+    command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")
     command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
     _add_lenient(command)
     _add_threads(command)

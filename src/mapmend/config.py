@@ -28,6 +28,7 @@ class GridConfig:
     cell_size_m: float = 0.05
     insert_every_m: float = 0.05
     insert_every_rad: float = 0.05
+    align: bool = False  # turn the map so that most of its walls run along its axes
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,7 @@ def run_page(result: MapResult, source: str = "") -> dict[str, Any]:
         "path_m": path_length_m(result.trajectory.poses),
         "extent_m": np.ptp(result.trajectory.poses[:, :2], axis=0).tolist(),
         "map": {"rows": rows, "columns": columns, "resolution_m": result.occupancy.resolution_m},
+        "alignment": None if result.alignment is None else asdict(result.alignment),
         "configuration": to_dict(result.config),
         "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
     }

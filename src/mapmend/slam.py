@@ -22,6 +22,7 @@ from mapmend.config import Config
 from mapmend.errors import InputError, MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
+from mapmend.grid.alignment import Alignment, align_walls
 from mapmend.grid.occupancy import occupancy_map
 from mapmend.io.info import describe_content
 from mapmend.io.nav2 import OccupancyMap
@@ -41,7 +42,8 @@ PLANNED = ("igo", "gmapping")
 
 @dataclass(frozen=True)
 class MapResult:
-    """What a method made of a log. All poses are ``T_map_robot``; the map's frame is the robot's at the first scan.
+    """What a method made of a log. All poses are ``T_map_robot``; the map's frame is the robot's at the first scan,
+    turned by ``alignment.T_map_start`` where the configuration asks for straight maps.
 
     ``trajectory``: a pose for every scan, in the log's order. ``graph``: the nodes with their scans and stamps.
     ``key_nodes``: rows of the graph's nodes that open a key-node. ``chi2_initial`` is that of the odometry edges laid
@@ -58,6 +60,7 @@ class MapResult:
     chi2_initial: float
     chi2_final: float
     seconds: dict[str, float]
+    alignment: Alignment | None = None
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ def build_map(
     with stage("match", seconds):
         built = METHODS[method](log, config, progress)
     with stage("map", seconds):
+        built, alignment = aligned(built, config)
         graph, scan_config = built.graph, config.scan
         assert graph.scans is not None
         size = config.grid.cell_size_m
@@ -113,6 +117,7 @@ def build_map(
         chi2_initial=chi2_initial,
         chi2_final=chi2_final,
         seconds=seconds,
+        alignment=alignment,
     )
 
 
@@ -150,6 +155,17 @@ def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progres
             state.hang_scan(k, state.last, pose)
     progress("match", len(log), len(log))
     return Built(state.pose_graph(with_scans=True), poses, np.zeros(0, dtype=np.int64))
+
+
+def aligned(built: Built, config: Config) -> tuple[Built, Alignment | None]:
+    """The same with its walls along the map's axes, and how it was turned, where the configuration asks for it."""
+    graph = built.graph
+    if not config.grid.align or graph.scans is None:
+        return built, None
+    alignment = align_walls(graph.scans, graph.poses, config.scan)
+    turn = np.array(alignment.T_map_start)
+    straight = graph.with_poses(se2.compose(turn, graph.poses))
+    return replace(built, graph=straight, scan_poses=se2.compose(turn, built.scan_poses)), alignment
 
 
 METHODS: dict[str, Callable[[ScanLog, Config, Progress], Built]] = {

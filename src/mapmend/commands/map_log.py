@@ -8,7 +8,7 @@ from dataclasses import replace
 from threading import Thread
 from typing import Any
 
-from mapmend.commands.console import ProgressBar, print_json, say_notes, thread_count, told_compiling
+from mapmend.commands.console import ProgressBar, print_json, say, say_notes, thread_count, told_compiling
 from mapmend.config import Config, read_toml
 from mapmend.io.output import check_writable
 from mapmend.run_folder import write_run
@@ -35,6 +35,8 @@ def run(options: Namespace) -> int:
     with ProgressBar() as progress, told_compiling() as compiling:
         result = build_map(log, options.method, config, threads=thread_count(options.threads), progress=progress)
     seconds["compile"] = compiling.seconds
+    if result.alignment is not None and not result.alignment.found:
+        say("note: the walls have no main direction; the map keeps the robot's first heading")
     page = write_run(result, options.output, source=options.log, seconds=seconds)
     if options.json:
         print_json({**page, "run": options.output})
@@ -70,4 +72,6 @@ def _config(options: Namespace) -> Config:
         config = replace(config, seed=options.seed)
     if options.no_odometry:
         config = replace(config, motion=replace(config.motion, use_odometry=False))
+    if options.align:
+        config = replace(config, grid=replace(config.grid, align=True))
     return config
