@@ -113,7 +113,8 @@ def _add_demo(commands: Commands) -> None:
 
 def _add_info(commands: Commands) -> None:
     command = _command(commands, "info", "info", "say what a log, graph, trajectory or map holds, and what is odd")
-    command.add_argument("file", metavar="FILE", help="the file (.gz and .bz2 as they are), or a RUN folder")
+    command.add_argument("file", metavar="FILE", help="the file (.gz and .bz2 as they are), a ROS bag, or a RUN folder")
+    _add_bag(command)
     _add_lenient(command)
 
 
@@ -125,7 +126,7 @@ def _add_map(commands: Commands) -> None:
         "map a log: trajectory, pose graph with scans, and occupancy map in a RUN folder",
         "The RUN folder holds trajectory.tum, graph.g2o, map.pgm with map.yaml, map.png and run.json.",
     )
-    command.add_argument("log", metavar="LOG", help="a CARMEN log (.gz and .bz2 as they are)")
+    command.add_argument("log", metavar="LOG", help="a CARMEN log (.gz and .bz2 as they are) or a ROS bag")
     command.add_argument("-o", "--output", metavar="RUN", required=True, help="the folder to write; replaces a RUN")
     command.add_argument(
         "--method",
@@ -138,6 +139,7 @@ def _add_map(commands: Commands) -> None:
     command.add_argument("--seed", type=_whole, metavar="N", help="seed of the motion hypotheses (default: 0)")
     command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")
     command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
+    _add_bag(command)
     _add_lenient(command)
     _add_threads(command)
 
@@ -225,6 +227,14 @@ def _add_simulate(commands: Commands) -> None:
 
 def _add_lenient(command: argparse.ArgumentParser) -> None:
     command.add_argument("--lenient", action="store_true", help="leave unusable lines of a log out, and say so")
+
+
+def _add_bag(command: argparse.ArgumentParser) -> None:
+    bag = command.add_argument_group("ROS bags")
+    bag.add_argument("--scan-topic", metavar="TOPIC", help="the laser's, where there are several")
+    bag.add_argument("--odom-topic", metavar="TOPIC", help="the odometry's, where there are several; or /tf")
+    bag.add_argument("--base-frame", metavar="FRAME", help="the robot's frame (default: the odometry's)")
+    bag.add_argument("--deskew", action="store_true", help="straighten the sweeps of a moving robot by time_increment")
 
 
 def _add_threads(command: argparse.ArgumentParser) -> None:

@@ -108,7 +108,8 @@ class ScanLog:
     """A recording: one row a scan, in the order of recording.
 
     ``stamps_s``: shape (n,), seconds; the row number where the log has no usable stamps (``has_stamps`` False).
-    ``odometry``: shape (n, 3), ``T_odometry_robot`` at each scan. ``notes`` say what was odd.
+    ``odometry``: shape (n, 3), ``T_odometry_robot`` at each scan, zero where there is none (``has_odometry`` False).
+    ``notes`` say what was odd.
     """
 
     scans: Scans
@@ -117,6 +118,7 @@ class ScanLog:
     has_stamps: bool = True
     source: str = ""
     notes: tuple[Note, ...] = field(default=())
+    has_odometry: bool = True
 
     def __post_init__(self) -> None:
         n = len(self.scans)

@@ -24,6 +24,7 @@ from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.grid.alignment import Alignment, align_walls
 from mapmend.grid.occupancy import occupancy_map
+from mapmend.io.bags.options import BagOptions
 from mapmend.io.info import describe_content
 from mapmend.io.nav2 import OccupancyMap
 from mapmend.io.reader import read
@@ -74,11 +75,11 @@ class Built:
     optimizations: int = 0
 
 
-def read_log(path: str | Path, lenient: bool = False) -> ScanLog:
-    """The log in a file; raises InputError, saying what the file holds where it is no log."""
-    content = read(path, lenient)
+def read_log(path: str | Path, lenient: bool = False, bag: BagOptions | None = None) -> ScanLog:
+    """The log in a file or ROS bag; raises InputError, saying what the file holds where it is no log."""
+    content = read(path, lenient, bag)
     if not isinstance(content, ScanLog):
-        raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log")
+        raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log or a ROS bag")
     return content
 
 
@@ -92,8 +93,11 @@ def build_map(
 ) -> MapResult:
     """Maps a log by one of `METHODS`; the same log, configuration and seed give the same result for any ``threads``.
 
-    Raises MapmendError for a method that there is not, and for a log without motion, scans or returns.
+    A log that has no odometry is mapped from the laser alone, and ``MapResult.config`` says so. Raises MapmendError for
+    a method that there is not, and for a log without motion, scans or returns.
     """
+    if not log.has_odometry:
+        config = replace(config, motion=replace(config.motion, use_odometry=False))
     check_method(method, config)
     check_log(log, config)
     seconds: dict[str, float] = {}

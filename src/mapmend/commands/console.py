@@ -6,11 +6,13 @@ import json
 import os
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from mapmend.io.bags.options import BagOptions
 from mapmend.scan import Note
 
 if TYPE_CHECKING:
@@ -100,6 +102,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         )
         for line in lines
     )
+
+
+def bag_options(options: Namespace) -> BagOptions:
+    """What the command line says about a ROS bag."""
+    return BagOptions(options.scan_topic, options.odom_topic, options.base_frame, options.deskew)
 
 
 def thread_count(asked: int) -> int:

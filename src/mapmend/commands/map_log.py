@@ -8,7 +8,7 @@ from dataclasses import replace
 from threading import Thread
 from typing import Any
 
-from mapmend.commands.console import ProgressBar, print_json, say, say_notes, thread_count, told_compiling
+from mapmend.commands.console import ProgressBar, bag_options, print_json, say, say_notes, thread_count, told_compiling
 from mapmend.config import Config, read_toml
 from mapmend.io.output import check_writable
 from mapmend.run_folder import write_run
@@ -28,7 +28,7 @@ def run(options: Namespace) -> int:
     imports = Thread(target=_import_ahead, daemon=True)
     imports.start()
     began = time.perf_counter()
-    log = read_log(options.log, options.lenient)
+    log = read_log(options.log, options.lenient, bag_options(options))
     seconds = {"read": time.perf_counter() - began}
     imports.join()
     say_notes(log.notes)

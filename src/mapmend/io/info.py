@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,16 @@ from mapmend.errors import InputError
 from mapmend.geometry.se2 import between
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io._decimals import Float
+from mapmend.io.bags.container import bag_kind
+from mapmend.io.bags.describe import describe_bag, frame_line, topic_line
+from mapmend.io.bags.options import BagOptions
 from mapmend.io.nav2 import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.io.reader import Content, read, read_run
 from mapmend.io.relations import Relations
 from mapmend.io.tum import Trajectory
 from mapmend.scan import LaserGeometry, ScanLog, Scans
+
+_MOST_LINES = 40
 
 
 @dataclass(frozen=True)
@@ -36,20 +42,38 @@ class FileInfo:
         """The same for people: angles in degrees, one fact a line."""
         lines = [f"{self.path}: {self.kind}"]
         for key, value in self.facts.items():
-            if key == "lasers":
-                lines += [_laser_line(laser) for laser in value]
+            if key in _LISTS:
+                lines += _list_lines(key, value)
             else:
                 lines.append(f"  {_label(key)}: {_shown(key, value)}")
         return lines + [f"  note: {note}" for note in self.notes]
 
 
-def describe(path: str | Path, lenient: bool = False) -> FileInfo:
-    """Read a file, or a RUN folder, and say what it holds; raises InputError for what can't be read."""
+def _list_lines(key: str, rows: list[dict[str, Any]]) -> list[str]:
+    """A line each, the first few; a laser that never turns at the same speed has a geometry a scan."""
+    lines = [_LISTS[key](row) for row in rows[:_MOST_LINES]]
+    return lines + ([f"  {len(rows) - _MOST_LINES} more {key}"] if len(rows) > _MOST_LINES else [])
+
+
+def describe(path: str | Path, lenient: bool = False, bag: BagOptions | None = None) -> FileInfo:
+    """Read a file, a ROS bag or a RUN folder, and say what it holds; raises InputError for what can't be read."""
+    if bag_kind(path) is not None:
+        return _describe_bag(path, lenient, bag)
     if Path(path).is_dir() and (Path(path) / "run.json").is_file():
         trajectory, graph = read_run(path)
         facts = {"trajectory": _trajectory_facts(trajectory), "graph": None if graph is None else _graph_facts(graph)}
         return FileInfo(str(path), "run", facts)
-    return describe_content(read(path, lenient), path)
+    return describe_content(read(path, lenient, bag), path)
+
+
+def _describe_bag(path: str | Path, lenient: bool, bag: BagOptions | None) -> FileInfo:
+    """A bag's topics and frames; and of its log what of a log, or why there is none yet."""
+    facts, notes = describe_bag(path)
+    try:
+        log = describe_content(read(path, lenient, bag), path)
+    except InputError as error:
+        return FileInfo(str(path), "bag", facts, (*notes, f"no log yet: {error.what}; {error.mend}"))
+    return FileInfo(str(path), "bag", {**facts, **log.facts}, log.notes)
 
 
 def describe_content(content: Content, path: str | Path = "") -> FileInfo:
@@ -80,6 +104,7 @@ def _log_facts(log: ScanLog) -> dict[str, Any]:
         "lasers": _lasers(log.scans),
         "duration_s": float(stamps.max() - stamps.min()) if log.has_stamps and len(log) else None,
         "odometry_path_m": path_length_m(log.odometry),
+        "has_odometry": log.has_odometry,
         "odometry_moves": log.odometry_moves,
         **_range_facts(log.scans),
         "has_stamps": log.has_stamps,
@@ -87,7 +112,7 @@ def _log_facts(log: ScanLog) -> dict[str, Any]:
 
 
 def _log_notes(log: ScanLog) -> tuple[str, ...]:
-    return () if log.odometry_moves else ("the odometry never moves",)
+    return () if log.odometry_moves or not log.has_odometry else ("the odometry never moves",)
 
 
 def _graph_facts(graph: PoseGraph) -> dict[str, Any]:
@@ -205,6 +230,13 @@ def _laser_line(laser: dict[str, Any]) -> str:
         f"  laser: {laser['scans']} scans of {laser['beams']} beams from {first:g} deg in steps of {step:g} deg, "
         f"no return from {laser['max_range_m']:g} m on, mounted at x {x:g} m, y {y:g} m, {np.rad2deg(yaw):g} deg"
     )
+
+
+_LISTS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "lasers": _laser_line,
+    "topics": topic_line,
+    "frames": frame_line,
+}
 
 
 def _label(key: str) -> str:

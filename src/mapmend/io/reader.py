@@ -11,6 +11,8 @@ import numpy as np
 from mapmend.errors import InputError
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io._decimals import Float
+from mapmend.io.bags.container import bag_kind
+from mapmend.io.bags.options import BagOptions
 from mapmend.io.carmen import parse_carmen
 from mapmend.io.columns import read_columns
 from mapmend.io.files import open_text, read_bytes
@@ -27,18 +29,24 @@ Table: TypeAlias = Float
 Content: TypeAlias = ScanLog | PoseGraph | Trajectory | Relations | OccupancyMap | Picture | Table
 
 _LOOKED_AT = 1 << 16  # bytes; more only where all of them are comments or parameters
-_MEND = "name a CARMEN log, a g2o or TORO graph, a TUM trajectory, relations, or a nav2 map"
+_MEND = "name a CARMEN log, a ROS bag, a g2o or TORO graph, a TUM trajectory, relations, or a nav2 map"
 _LOG_WORDS = ("FLASER", "RLASER", "ROBOTLASER", "ODOM", "PARAM", "SYNC", "RAWLASER", "TRUEPOS", "NMEA")
 _GRAPH_WORDS = ("VERTEX", "EDGE", "FIX")
 _PAGE_WORDS = ("image:", "resolution:", "origin:", "negate:", "occupied_thresh:", "free_thresh:", "mode:")
 
 
-def read(path: str | Path, lenient: bool = False) -> Content:
-    """Read a log, graph, trajectory, relations, map, PGM picture or table of numbers, plain or packed.
+def read(path: str | Path, lenient: bool = False, bag: BagOptions | None = None) -> Content:
+    """Read a log, ROS bag, graph, trajectory, relations, map, PGM picture or table of numbers, plain or packed.
 
-    ``lenient`` leaves unusable lines of a log out instead of refusing it. A table (such as ``t, x, y, theta``) comes as
-    an array (n, columns). Raises InputError naming file, line and mend.
+    ``lenient`` leaves unusable lines of a log out instead of refusing it. ``bag`` chooses topics of a ROS bag. A table
+    (such as ``t, x, y, theta``) comes as an array (n, columns). Raises InputError naming file, line and mend.
     """
+    if bag_kind(path) is not None:
+        from mapmend.io.bags.read import read_bag
+
+        return read_bag(path, bag, lenient)
+    if bag is not None and bag.any_given:
+        raise InputError(path, "is no ROS bag", "leave out the options that choose topics and frames of bags")
     data = read_bytes(path)
     kind = recognise(data, path)
     if kind == "log":

@@ -1,0 +1,145 @@
+"""The containers: ROS 1 bags, ROS 2 folders of sqlite3 or MCAP files, bare MCAP files; read through rosbags."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mapmend.errors import InputError, MapmendError
+from mapmend.scan import Note
+
+ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
+METADATA = "metadata.yaml"
+EXTRA = "pip install 'mapmend[ros]'"
+
+ROS1, MCAP, SQLITE, FOLDER = "ROS 1 bag", "MCAP file", "ROS 2 database", "ROS 2 bag"
+
+Message = tuple[str, int, bytes]
+"""Topic, time of recording (ns), content."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    name: str
+    type: str
+    count: int
+
+
+@dataclass
+class Bag:
+    """An open bag: its topics by name, and a stream of the messages of some of them in the order of recording."""
+
+    path: Path
+    kind: str
+    topics: dict[str, Topic]
+    stream: Callable[[Collection[str]], Iterator[Message]]
+    notes: list[Note] = field(default_factory=list)
+
+    @property
+    def is_ros1(self) -> bool:
+        return self.kind == ROS1
+
+    def messages(self, names: Collection[str]) -> Iterator[Message]:
+        """The messages of the topics; where the file is damaged they end there, and a note says so."""
+        source = self.stream(names)
+        count = 0
+        while True:
+            try:
+                message = next(source)
+            except StopIteration:
+                return
+            except Exception as error:  # whatever a damaged file makes of its reader
+                self.notes.append(Note(f"the bag is damaged, and read up to there: {reason(error)}"))
+                if not count:
+                    raise InputError(self.path, f"is damaged: {reason(error)}", "copy or record it again") from None
+                return
+            count += 1
+            yield message
+
+
+def bag_kind(path: str | Path) -> str | None:
+    """What kind of bag stands at ``path``, by its content; None for anything else."""
+    place = Path(path)
+    try:
+        if place.is_dir():
+            return FOLDER if (place / METADATA).is_file() or storage_files(place) else None
+        with place.open("rb") as stream:
+            head = stream.read(16)
+    except (OSError, ValueError):
+        return None
+    kinds = ((ROS1_MAGIC, ROS1), (MCAP_MAGIC, MCAP), (SQLITE_MAGIC, SQLITE))
+    return next((kind for magic, kind in kinds if head.startswith(magic)), None)
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """The files of a folder that hold messages, in the order of their names."""
+    return sorted(file for file in folder.iterdir() if file.suffix in (".mcap", ".db3") and file.is_file())
+
+
+@contextmanager
+def open_bag(path: str | Path) -> Iterator[Bag]:
+    """The bag at ``path``; raises InputError where it can't be opened, MapmendError where rosbags is not installed."""
+    kind = bag_kind(path)
+    if kind is None:
+        raise InputError(path, "is no ROS bag", "name a .bag, a .mcap or a ROS 2 bag's folder")
+    reader = _reader(Path(path), kind)
+    try:
+        reader.open()
+    except Exception as error:  # rosbags' own errors, and what else a damaged file makes of it
+        raise InputError(path, f"is a {kind} that can't be opened: {reason(error)}", _mend(kind)) from None
+    try:
+        yield Bag(Path(path), kind, _topics(reader.connections), _stream(reader))
+    finally:
+        reader.close()
+
+
+def _reader(path: Path, kind: str) -> Any:
+    """rosbags' reader for the kind; which of them it is follows from the content, not from the name."""
+    try:
+        if kind == ROS1:
+            from rosbags.rosbag1 import Reader as Reader1
+
+            return Reader1(path)
+        from rosbags.rosbag2.reader import DirectoryReader
+        from rosbags.rosbag2.storage_mcap import McapReader
+        from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+    except ModuleNotFoundError as error:
+        package = str(error.name).split(".", 1)[0]
+        raise MapmendError(f"{path}: is a {kind}, and {package} is not installed; {EXTRA}") from None
+    try:
+        return {FOLDER: DirectoryReader, MCAP: McapReader, SQLITE: Sqlite3Reader}[kind](path)
+    except FileNotFoundError:
+        what = f"holds no {METADATA}: its recorder did not end"
+        raise InputError(path, what, "run ros2 bag reindex on it, or name the .mcap file in it") from None
+
+
+def _mend(kind: str) -> str:
+    return "run rosbag reindex on it" if kind == ROS1 else "copy or record it again"
+
+
+def _topics(connections: Collection[Any]) -> dict[str, Topic]:
+    """Several publishers of one topic count as one."""
+    topics: dict[str, Topic] = {}
+    for connection in connections:
+        count = connection.msgcount + (topics[connection.topic].count if connection.topic in topics else 0)
+        topics[connection.topic] = Topic(connection.topic, connection.msgtype, count)
+    return dict(sorted(topics.items()))
+
+
+def _stream(reader: Any) -> Callable[[Collection[str]], Iterator[Message]]:
+    def messages(names: Collection[str]) -> Iterator[Message]:
+        wanted = [connection for connection in reader.connections if connection.topic in names]
+        if wanted:
+            for connection, time_ns, raw in reader.messages(wanted, None, None):
+                yield connection.topic, time_ns, raw
+
+    return messages
+
+
+def reason(error: Exception) -> str:
+    """An error of a library in a few words."""
+    text = str(error) or type(error).__name__
+    return " ".join(text.split())[:160].rstrip(".")

@@ -1,0 +1,242 @@
+"""From a bag to a log: choose the topics, gather scans, odometry and frames in one pass, put the laser on its robot."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.errors import InputError, MapmendError
+from mapmend.geometry.se2 import compose
+from mapmend.io.bags.container import Bag, Topic, open_bag
+from mapmend.io.bags.deskew import deskewed
+from mapmend.io.bags.frames import Frames, Mounting, UnknownFrameError, mounting_of, planar, plane_pose
+from mapmend.io.bags.messages import (
+    NANOSECONDS,
+    ODOMETRY_TYPE,
+    OLD_TRANSFORM_TYPE,
+    SCAN_TYPE,
+    TRANSFORM_TYPE,
+    BadMessageError,
+    laser_message,
+    odometry_message,
+    transform_messages,
+)
+from mapmend.io.bags.odometry import OdometrySeries
+from mapmend.io.bags.options import BagOptions
+from mapmend.io.bags.sweeps import Sweeps
+from mapmend.scan import Note, ScanLog
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+TF_TYPES = (TRANSFORM_TYPE, OLD_TRANSFORM_TYPE)
+TF = "/tf"
+_MOST_NAMES = 12
+_FAR_OUTSIDE_S = 0.2  # two messages of a slow odometry
+_TILT_RAD, _MOST_TILT_RAD = np.deg2rad(3.0), np.deg2rad(30.0)
+
+
+@dataclass
+class Gathered:
+    """What one pass over the messages leaves."""
+
+    sweeps: Sweeps
+    frames: Frames = field(default_factory=Frames)
+    odometry_ns: array[int] = field(default_factory=lambda: array("q"))
+    odometry: array[float] = field(default_factory=lambda: array("d"))  # x y qx qy qz qw
+    odometry_child: str = ""
+    bad: int = 0
+
+
+def read_bag(path: str | Path, options: BagOptions | None = None, lenient: bool = False) -> ScanLog:
+    """The log in a bag; raises InputError naming what is wrong and what to choose.
+
+    ``lenient`` leaves messages out that can't be decoded.
+    """
+    chosen = options or BagOptions()
+    with open_bag(path) as bag:
+        scan_topic = choose_scan_topic(bag, chosen)
+        odometry_topic = choose_odometry_topic(bag, chosen)
+        gathered = gather(bag, scan_topic, odometry_topic, lenient)
+    if not len(gathered.sweeps):
+        raise InputError(path, f"no scan can be read on {scan_topic}", "name a bag with laser scans")
+    try:
+        return _assemble(gathered, bag, odometry_topic, chosen)
+    except InputError:
+        raise
+    except MapmendError as error:
+        raise InputError(path, str(error), "choose the robot's frame with --base-frame") from None
+
+
+def choose_scan_topic(bag: Bag, options: BagOptions) -> str:
+    """The topic of the laser: as asked, or the only one; raises InputError listing them."""
+    found = [topic for topic in bag.topics.values() if topic.type == SCAN_TYPE and topic.count]
+    if not found and options.scan_topic is None:
+        what = f"holds no sensor_msgs/LaserScan; it holds {_listed(list(bag.topics.values()), types=True)}"
+        raise InputError(bag.path, what, "name a bag with laser scans")
+    return _choose(bag, found, options.scan_topic, "--scan-topic", "LaserScans").name
+
+
+def choose_odometry_topic(bag: Bag, options: BagOptions) -> str | None:
+    """The topic of the odometry: as asked, the only Odometry topic, /tf, or None where there is neither."""
+    found = [topic for topic in bag.topics.values() if topic.type == ODOMETRY_TYPE and topic.count]
+    transforms = [topic for topic in bag.topics.values() if topic.type in TF_TYPES and topic.count]
+    if options.odom_topic in {topic.name for topic in transforms}:
+        return TF
+    if found or options.odom_topic is not None:
+        return _choose(bag, found, options.odom_topic, "--odom-topic", "Odometry").name
+    return TF if transforms else None
+
+
+def _choose(bag: Bag, found: list[Topic], wanted: str | None, option: str, what: str) -> Topic:
+    if wanted is None and len(found) == 1:
+        return found[0]
+    for topic in found:
+        if wanted is not None and topic.name.lstrip("/") == wanted.lstrip("/"):
+            return topic
+    if wanted is None:
+        raise InputError(bag.path, f"{len(found)} topics hold {what}: {_listed(found)}", f"choose one with {option}")
+    known = f"there {'is' if len(found) == 1 else 'are'} {_listed(found)}" if found else f"no topic holds {what}"
+    raise InputError(bag.path, f"no {what} on {wanted!a}", known)
+
+
+def _listed(topics: list[Topic], types: bool = False) -> str:
+    names = [f"{t.name} ({t.type if types else t.count})" for t in topics[:_MOST_NAMES]]
+    rest = [f"{len(topics) - _MOST_NAMES} more"] if len(topics) > _MOST_NAMES else []
+    return ", ".join(names + rest) or "nothing"
+
+
+def gather(bag: Bag, scan_topic: str | None, odometry_topic: str | None, lenient: bool) -> Gathered:
+    """One pass over the bag: what is not asked for is not even unpacked where the container has an index."""
+    gathered = Gathered(Sweeps(bag.topics[scan_topic].count if scan_topic else 0))
+    transforms = {topic.name for topic in bag.topics.values() if topic.type in TF_TYPES}
+    names = transforms | {name for name in (scan_topic, odometry_topic) if name in bag.topics}
+    with np.errstate(invalid="ignore"):
+        for topic, received_ns, raw in bag.messages(names):
+            try:
+                if topic == scan_topic:
+                    gathered.sweeps.add(laser_message(raw, bag.is_ros1), received_ns)
+                elif topic in transforms:
+                    for transform in transform_messages(raw, bag.is_ros1):
+                        gathered.frames.add(transform)
+                else:
+                    _take_odometry(gathered, raw, bag.is_ros1)
+            except BadMessageError as error:
+                if not lenient:
+                    mend = "record it again, or pass --lenient to leave such messages out"
+                    raise InputError(bag.path, f"a message on {topic} can't be read: {error}", mend) from None
+                gathered.bad += 1
+    return gathered
+
+
+def _take_odometry(gathered: Gathered, raw: bytes, ros1: bool) -> None:
+    pose = odometry_message(raw, ros1)
+    if not np.all(np.isfinite(pose.numbers)):
+        raise BadMessageError("a pose is not finite")
+    gathered.odometry_ns.append(pose.stamp_ns)
+    gathered.odometry.extend((*pose.numbers[:2], *pose.numbers[3:]))
+    gathered.odometry_child = gathered.odometry_child or pose.child
+
+
+def _assemble(gathered: Gathered, bag: Bag, odometry_topic: str | None, options: BagOptions) -> ScanLog:
+    notes = list(bag.notes)
+    if gathered.bad:
+        notes.append(Note("message left out that can't be read", gathered.bad))
+    sweeps = gathered.sweeps
+    if options.base_frame is not None and options.base_frame.lstrip("/") not in gathered.frames:
+        known = gathered.frames.names()
+        listed = ", ".join(known[:_MOST_NAMES]) if known else "no frames at all"
+        raise InputError(bag.path, f"there is no frame {options.base_frame!a}", f"its transforms know {listed}")
+    series, robot_frame = _odometry(gathered, odometry_topic, options, notes)
+    mountings = _mountings(gathered, robot_frame, notes)
+    stamps_ns = _stamps(sweeps, notes)
+    scans = sweeps.scans(mountings, notes)
+    poses = np.zeros((len(scans), 3))
+    if series is not None:
+        poses = series.at_scans(stamps_ns)
+        _note_outside(series, stamps_ns, notes)
+    if options.deskew:
+        lasers = [(laser, mountings[laser.frame]) for laser in sweeps.lasers]
+        scans = deskewed(scans, lasers, stamps_ns, series, notes)
+    _note_steps(stamps_ns, notes)
+    return ScanLog(scans, seconds(stamps_ns), poses, True, str(bag.path), tuple(notes), has_odometry=series is not None)
+
+
+def _odometry(
+    gathered: Gathered, topic: str | None, options: BagOptions, notes: list[Note]
+) -> tuple[OdometrySeries | None, str | None]:
+    """The robot's poses over time, and the name of the frame that they are of."""
+    frames = gathered.frames
+    wanted = options.base_frame.lstrip("/") if options.base_frame else None
+    if topic is not None and topic != TF and gathered.odometry_ns:
+        rows = np.frombuffer(gathered.odometry, np.float64).reshape(-1, 6)
+        series = OdometrySeries.sorted(np.frombuffer(gathered.odometry_ns, np.int64), planar(rows))
+        own = gathered.odometry_child or frames.robot_frame()
+    else:
+        start = wanted or gathered.sweeps.lasers[0].frame
+        joint = frames.odometry_joint(start)
+        if joint is None:
+            notes.append(Note("no odometry, neither nav_msgs/Odometry nor a moving frame; the laser alone is used"))
+            return None, wanted or frames.robot_frame()
+        series, own = OdometrySeries.sorted(*joint.series()), joint.child
+        if "odom" not in joint.parent.lower():
+            notes.append(Note(f"odometry is taken from {TF}: '{joint.parent}' to '{joint.child}'"))
+    if wanted is None or own is None or own == wanted:
+        return series, wanted or own
+    T_own_wanted = plane_pose(frames.fixed(own, wanted))
+    return OdometrySeries(series.stamps_ns, compose(series.poses, np.array(T_own_wanted))), wanted
+
+
+def _mountings(gathered: Gathered, robot_frame: str | None, notes: list[Note]) -> dict[str, Mounting]:
+    """Where each laser sits, by its frame; one that no transform leads to is put at the robot's centre, with a note."""
+    mountings = {}
+    for frame in dict.fromkeys(laser.frame for laser in gathered.sweeps.lasers):
+        mountings[frame] = Mounting((0.0, 0.0, 0.0), False, 0.0)
+        if frame == robot_frame:
+            continue
+        try:
+            if robot_frame is None:
+                raise UnknownFrameError(f"no transform tells where '{frame}' is on the robot")
+            mountings[frame] = mounting_of(gathered.frames.fixed(robot_frame, frame))
+        except UnknownFrameError as error:
+            notes.append(Note(f"{error}; the laser is put at the robot's centre, looking ahead"))
+        tilt = mountings[frame].tilt_rad
+        if tilt > _MOST_TILT_RAD:
+            what = f"laser '{frame}' is tilted by {np.rad2deg(tilt):.0f} degrees against '{robot_frame}'"
+            raise MapmendError(f"{what}: its scans are no floor plan")
+        if tilt > _TILT_RAD:
+            notes.append(Note(f"laser '{frame}' is tilted by {np.rad2deg(tilt):.1f} degrees, which is left out"))
+    return mountings
+
+
+def _stamps(sweeps: Sweeps, notes: list[Note]) -> Int:
+    stamps = np.frombuffer(sweeps.stamps_ns, np.int64)
+    if stamps.any():
+        return stamps
+    notes.append(Note("the scans carry no stamps; the times of recording are taken"))
+    return np.frombuffer(sweeps.received_ns, np.int64)
+
+
+def seconds(stamps_ns: Int) -> Float:
+    """The double next to each time: in one division where the nanoseconds are exact, else whole seconds apart."""
+    whole, rest = np.divmod(stamps_ns, NANOSECONDS)
+    return np.where(np.abs(stamps_ns) < 2**53, stamps_ns / NANOSECONDS, whole + rest / NANOSECONDS)
+
+
+def _note_outside(series: OdometrySeries, stamps_ns: Int, notes: list[Note]) -> None:
+    outside = series.outside_s(stamps_ns)
+    far = outside > _FAR_OUTSIDE_S
+    if far.any():
+        what = f"scan outside the odometry's time, by up to {outside.max():.1f} s; it takes the nearest pose"
+        notes.append(Note(what, int(far.sum())))
+
+
+def _note_steps(stamps_ns: Int, notes: list[Note]) -> None:
+    steps = np.diff(stamps_ns)
+    for what, odd in (("timestamp steps back", steps < 0), ("timestamp repeats the one before", steps == 0)):
+        if odd.any():
+            notes.append(Note(what, int(odd.sum())))

@@ -1,0 +1,146 @@
+"""Bags as people have them: without odometry, with two lasers, without a frame, cut off: a line, or a map and notes."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from mapmend.errors import InputError, MapmendError
+from mapmend.io.bags.options import BagOptions
+from mapmend.io.bags.read import read_bag
+from mapmend.io.info import describe
+from tests.io.bags.writing import KINDS, BagWriter, Layout, write_bag_of
+
+
+def small_scan(bag, stamp_ns, frame="laser"):
+    return bag.scan(stamp_ns, frame, np.linspace(1.0, 2.0, 10), -1.0, 0.2, range_max=8.0)
+
+
+def test_without_odometry_the_laser_alone_is_used_and_it_says_so(tmp_path, log, mapmend):
+    path = write_bag_of(tmp_path / "drive", "mcap", log, Layout(odometry=None))
+    assert not read_bag(path).has_odometry
+    answer = mapmend("map", path, "-o", tmp_path / "run")
+    assert answer.code == 0
+    assert "no odometry" in answer.err
+    assert "the laser alone is used" in answer.err
+    run = json.loads((tmp_path / "run/run.json").read_text())
+    assert run["configuration"]["motion"]["use_odometry"] is False
+    refused = mapmend("map", path, "-o", tmp_path / "other", "--method", "odometry")
+    assert refused.code == 2
+    assert "without odometry" in refused.err
+
+
+def test_without_scans_it_says_what_the_bag_holds(tmp_path, mapmend):
+    with BagWriter(tmp_path / "a.bag", "ros1") as bag:
+        bag.write("/odom", bag.odometry(1, (0, 0, 0)), 1)
+    answer = mapmend("map", tmp_path / "a.bag", "-o", tmp_path / "run")
+    assert answer.code == 2
+    assert "holds no sensor_msgs/LaserScan; it holds /odom (nav_msgs/msg/Odometry)" in answer.complaint
+    info = mapmend("info", tmp_path / "a.bag")
+    assert info.code == 0
+    assert "topic: /odom" in info.out
+
+
+def test_of_two_lasers_one_has_to_be_chosen(tmp_path, log, mapmend):
+    path = write_bag_of(tmp_path / "drive", "sqlite3", log, Layout(scan_topics=("/front", "/rear")))
+    answer = mapmend("map", path, "-o", tmp_path / "run")
+    assert answer.code == 2
+    assert "2 topics hold LaserScans: /front (120), /rear (120); choose one with --scan-topic" in answer.complaint
+    wrong = mapmend("map", path, "-o", tmp_path / "run", "--scan-topic", "/left")
+    assert "no LaserScans on '/left'; there are /front (120), /rear (120)" in wrong.complaint
+    assert len(read_bag(path, BagOptions(scan_topic="rear"))) == 120
+    info = mapmend("info", path, "--json")
+    page = json.loads(info.out)
+    assert [t["name"] for t in page["topics"]] == ["/front", "/odom", "/rear", "/tf_static"]
+    assert "--scan-topic" in " ".join(page["notes"])
+
+
+def test_of_two_odometries_one_has_to_be_chosen(tmp_path):
+    with BagWriter(tmp_path / "a.mcap", "bare mcap") as bag:
+        for k in range(3):
+            bag.write("/wheels", bag.odometry(k * 10**8, (0.1 * k, 0, 0)), k * 10**8)
+            bag.write("/fused", bag.odometry(k * 10**8, (0.2 * k, 0, 0)), k * 10**8)
+            bag.write("/tf", bag.transform(k * 10**8, "odom", "base_link", (0.3 * k, 0, 0)), k * 10**8)
+            bag.write("/scan", small_scan(bag, k * 10**8, "base_link"), k * 10**8)
+    with pytest.raises(InputError, match=r"/fused \(3\), /wheels \(3\); choose one with --odom-topic"):
+        read_bag(tmp_path / "a.mcap")
+    for topic, step in (("/wheels", 0.1), ("fused", 0.2), ("/tf", 0.3)):
+        log = read_bag(tmp_path / "a.mcap", BagOptions(odom_topic=topic))
+        assert log.odometry[:, 0] == pytest.approx([0.0, step, 2 * step])
+
+
+def test_a_laser_without_a_transform_is_put_at_the_centre_with_a_note(tmp_path, log):
+    from_bag = read_bag(write_bag_of(tmp_path / "drive", "mcap", log, Layout(static=False)))
+    assert from_bag.scans.geometries[0].T_robot_laser == (0.0, 0.0, 0.0)
+    assert "no transform leads from frame 'base_link' to 'laser'" in str(from_bag.notes[0])
+
+
+def test_a_frame_that_is_not_there_is_refused_with_those_that_are(tmp_path, log, mapmend):
+    path = write_bag_of(tmp_path / "drive", "mcap", log)
+    answer = mapmend("map", path, "-o", tmp_path / "run", "--base-frame", "base")
+    assert answer.code == 2
+    assert "there is no frame 'base'; its transforms know base_link, laser" in answer.complaint
+
+
+def test_a_laser_that_looks_at_the_floor_or_turns_is_refused(tmp_path):
+    for name, roll, turn, what in (
+        ("tilted", 1.0, 0.0, "tilted by 57 degrees"),
+        ("turning", 0.0, 0.1, "moves against"),
+    ):
+        with BagWriter(tmp_path / name, "mcap") as bag:
+            for k in range(3):
+                bag.write("/odom", bag.odometry(k * 10**8, (0.1 * k, 0, 0)), k * 10**8)
+                bag.write("/tf", bag.transform(k * 10**8, "base_link", "laser", (0, 0, turn * k), roll), k * 10**8)
+                bag.write("/scan", small_scan(bag, k * 10**8), k * 10**8)
+        with pytest.raises(InputError, match=what):
+            read_bag(tmp_path / name)
+
+
+def test_info_tells_rates_gaps_and_frames(tmp_path, mapmend):
+    with BagWriter(tmp_path / "a.bag", "ros1") as bag:
+        bag.write("/tf_static", bag.transform(0, "base_link", "laser", (0.1, 0, 0), np.pi), 0)
+        for k in (0, 1, 2, 3, 9, 10):
+            bag.write("/tf", bag.transform(k * 10**8, "odom", "base_link", (0.1 * k, 0, 0)), k * 10**8)
+            bag.write("/scan", small_scan(bag, k * 10**8), k * 10**8)
+    page = json.loads(mapmend("info", tmp_path / "a.bag", "--json").out)
+    assert page["kind"] == "bag"
+    scan = next(topic for topic in page["topics"] if topic["name"] == "/scan")
+    assert (scan["messages"], scan["rate_hz"], scan["longest_gap_s"]) == (6, 5.0, 0.6)
+    assert [(f["parent"], f["child"], f["moves"]) for f in page["frames"]] == [
+        ("base_link", "laser", False),
+        ("odom", "base_link", True),
+    ]
+    assert page["scans"] == 6
+    text = "\n".join(describe(tmp_path / "a.bag").lines())
+    assert "topic: /scan (sensor_msgs/msg/LaserScan), 6 messages, 5.0 Hz, longest gap 0.60 s" in text
+    assert "frame: base_link -> laser, at x 0.1 m, y 0 m, z 0 m, 0 deg, upside down" in text
+    assert "frame: odom -> base_link, moves" in text
+
+
+def test_without_rosbags_it_says_what_to_install(tmp_path, log, monkeypatch):
+    path = write_bag_of(tmp_path / "drive", "mcap", log)
+    for name in [name for name in sys.modules if name.split(".")[0] == "rosbags"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(MapmendError, match=r"rosbags is not installed; pip install 'mapmend\[ros\]'"):
+        read_bag(path)
+
+
+def test_options_of_bags_are_refused_for_other_files(tmp_path, log_path, mapmend):
+    answer = mapmend("map", log_path, "-o", tmp_path / "run", "--deskew")
+    assert answer.code == 2
+    assert "is no ROS bag" in answer.complaint
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_cut_off_in_the_middle_is_said_in_one_line_or_read_up_to_there(tmp_path, log, kind, mapmend):
+    path = write_bag_of(tmp_path / "drive", kind, log)
+    file = next(f for f in path.iterdir() if f.suffix != ".yaml") if path.is_dir() else path
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    answer = mapmend("map", path, "-o", tmp_path / "run")
+    if answer.code:
+        assert answer.code == 2
+        assert str(path) in answer.complaint
+    else:
+        assert "note: " in answer.err
