@@ -79,7 +79,7 @@ def first_half(log):
     return replace(log, scans=log.scans.select(np.arange(n)), stamps_s=log.stamps_s[:n], odometry=log.odometry[:n])
 
 
-@pytest.mark.parametrize("method", ["igo", "gmapping", "magic"])
+@pytest.mark.parametrize("method", ["igo", "magic"])
 def test_methods_that_there_are_not(simulation, method):
     with pytest.raises(MapmendError, match=method):
         build_map(simulation.log, method)

@@ -133,11 +133,11 @@ def _add_map(commands: Commands) -> None:
         choices=METHODS,
         default=METHODS[0],
         help="go: matching, loops, optimization (default); scanmatch: no loops; odometry: as the log says; "
-        "igo and gmapping are not built yet",
+        "gmapping: a particle filter; igo is not built yet",
     )
     command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
-    command.add_argument("--seed", type=_whole, metavar="N", help="seed of the motion hypotheses (default: 0)")
     command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")
+    command.add_argument("--seed", type=_whole, metavar="N", help="seed of hypotheses and particles (default: 0)")
     command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
     _add_bag(command)
     _add_lenient(command)

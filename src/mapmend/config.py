@@ -123,6 +123,23 @@ class ConsistencyConfig:
 
 
 @dataclass(frozen=True)
+class GMappingConfig:
+    """The particle filter, by the names that GMapping's users know; ``r`` is translation, ``t`` rotation."""
+
+    particles: int = 30
+    linear_update_m: float = 1.0
+    angular_update_rad: float = 0.5
+    srr: float = 0.1  # standard deviation of the odometry's translation, m a metre
+    srt: float = 0.2  # of its translation, m a radian
+    str: float = 0.1  # of its rotation, rad a metre
+    stt: float = 0.2  # of its rotation, rad a radian
+    minimum_score: float = 0.3  # the share of the beams below which the odometry alone is believed
+    resample_threshold: float = 0.5  # of the particles: the effective sample size below which they are resampled
+    lsigma_m: float = 0.075  # standard deviation of a beam
+    ogain: float = 3.0  # what log-likelihoods are divided by to weigh: neighbouring beams are not independent
+
+
+@dataclass(frozen=True)
 class Config:
     """All blocks; ``seed`` feeds the hypotheses."""
 
@@ -133,6 +150,7 @@ class Config:
     key_nodes: KeyNodeConfig = field(default_factory=KeyNodeConfig)
     loops: LoopConfig = field(default_factory=LoopConfig)
     consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
+    gmapping: GMappingConfig = field(default_factory=GMappingConfig)
     seed: int = 0
 
 
@@ -162,6 +180,9 @@ ABOVE_ZERO = {
     "consistency.pair_level",
     "consistency.scan_level",
     "consistency.map_level",
+    "gmapping.particles",
+    "gmapping.lsigma_m",
+    "gmapping.ogain",
 }
 SHARES = {
     "scan.surface_gap",
@@ -172,6 +193,8 @@ SHARES = {
     "loops.min_overlap",
     "loops.min_observability",
     "consistency.drop_share",
+    "gmapping.minimum_score",
+    "gmapping.resample_threshold",
 }
 BELOW_ONE = {
     "loops.gate_quantile",
@@ -262,6 +285,7 @@ def to_toml(config: Config) -> str:
 __all__ = [
     "Config",
     "ConsistencyConfig",
+    "GMappingConfig",
     "GridConfig",
     "KeyNodeConfig",
     "LoopConfig",

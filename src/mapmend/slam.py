@@ -37,7 +37,7 @@ Int = NDArray[np.int64]
 
 DEFAULT_METHOD = "go"
 DEFAULT_CONFIG = Config()
-PLANNED = ("igo", "gmapping")
+PLANNED = ("igo",)
 """Methods that the command line knows by name and that are not built yet."""
 
 
@@ -102,7 +102,7 @@ def build_map(
     check_log(log, config)
     seconds: dict[str, float] = {}
     with stage("match", seconds):
-        built = METHODS[method](log, config, progress)
+        built = METHODS[method](log, config, progress, threads)
     with stage("map", seconds):
         built, alignment = aligned(built, config)
         graph, scan_config = built.graph, config.scan
@@ -125,7 +125,7 @@ def build_map(
     )
 
 
-def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_progress) -> Built:
+def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
     """``go``: the front end with its loops, optimized whenever one closes. IGO section III."""
     from mapmend.front_end.builder import FrontEnd
 
@@ -136,12 +136,12 @@ def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_pro
     return Built(graph, state.scan_poses(), key_nodes, front_end.searched, front_end.optimizations)
 
 
-def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress) -> Built:
+def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
     """``scanmatch``: laser odometry alone, the same front end without its loops."""
-    return graph_optimization(log, replace(config, loops=replace(config.loops, enabled=False)), progress)
+    return graph_optimization(log, replace(config, loops=replace(config.loops, enabled=False)), progress, threads)
 
 
-def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progress) -> Built:
+def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
     """``odometry``: the poses that the log reports, from the first one on, and the graph that they make."""
     from mapmend.front_end.motion import odometry_covariance
     from mapmend.front_end.state import GraphState
@@ -172,10 +172,21 @@ def aligned(built: Built, config: Config) -> tuple[Built, Alignment | None]:
     return replace(built, graph=straight, scan_poses=se2.compose(turn, built.scan_poses)), alignment
 
 
-METHODS: dict[str, Callable[[ScanLog, Config, Progress], Built]] = {
+def particle_filter(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
+    """``gmapping``: a Rao-Blackwellized particle filter, Grisetti et al. (2007), which IGO compares with."""
+    from mapmend.baselines.gmapping import ParticleFilter, path_graph
+
+    particles = ParticleFilter(log, config, threads, progress)
+    particles.run()
+    graph, scan_poses = path_graph(particles)
+    return Built(graph, scan_poses, np.zeros(0, dtype=np.int64), particles.unmatched)
+
+
+METHODS: dict[str, Callable[[ScanLog, Config, Progress, int], Built]] = {
     "go": graph_optimization,
     "scanmatch": scan_matching,
     "odometry": odometry_alone,
+    "gmapping": particle_filter,
 }
 
 

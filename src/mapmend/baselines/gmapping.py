@@ -1,0 +1,255 @@
+"""A Rao-Blackwellized particle filter on grid maps: Grisetti, Stachniss and Burgard (2007). IGO compares with it.
+
+Every particle carries a path and its own map. At an update, each matches the scan on its map, fits a Gaussian to
+observation and odometry about the match, draws its new pose from it and is weighed by the mass under it. Particles
+are resampled only when their weights say that few are left that matter. Equations are those of the paper, "Improved
+Techniques for Grid Mapping with Rao-Blackwellized Particle Filters", IEEE Transactions on Robotics 23(1).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.baselines import _filter_kernels
+from mapmend.baselines.particle_maps import ParticleMaps
+from mapmend.config import Config, GMappingConfig
+from mapmend.front_end.points import ScanPoints
+from mapmend.front_end.state import GraphState
+from mapmend.geometry import se2
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.parallel import Progress, map_in_order, no_progress
+from mapmend.scan import ScanLog
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+# No motion is known better than this, however little the wheels report.
+LEAST_STD_M = 0.01
+LEAST_STD_RAD = 0.005
+# Particles that one thread moves at a time: their kernels' calls cost as little as their work is long.
+CHUNK = 4
+
+
+@dataclass(frozen=True)
+class Update:
+    """One scan that went into the maps.
+
+    ``tracked`` (3,): the motion since the update before, as the scans between had it. ``poses`` (particles, 3),
+    ``covariances`` (particles, 3, 3) of the proposals in the map's axes, ``parents`` (particles,): whose path, up to
+    the update before, each goes on with.
+    """
+
+    scan: int
+    tracked: Float
+    poses: Float
+    covariances: Float
+    parents: Int
+
+
+class ParticleFilter:
+    """Goes through a log once; `updates` then holds every particle's poses, and who descends from whom."""
+
+    def __init__(self, log: ScanLog, config: Config, threads: int = 1, progress: Progress = no_progress) -> None:
+        self.log = log
+        self.config = config
+        self.settings: GMappingConfig = config.gmapping
+        self._threads = threads
+        self._progress = progress
+        self._motions = se2.between(log.odometry[:-1], log.odometry[1:])
+        self._points = ScanPoints(log.scans, config.scan)
+        self._random = np.random.default_rng(config.seed)
+        count = self.settings.particles
+        self.maps = ParticleMaps(count, config.grid.cell_size_m)
+        self.poses = np.zeros((count, 3))
+        self.log_weights = np.zeros(count)
+        self.updates: list[Update] = []
+        self.resamplings = 0
+        self.unmatched = 0
+        self._parents = np.arange(count)
+        self._best = 0
+        match = config.match
+        self._match_settings = np.array(
+            [
+                config.grid.cell_size_m,
+                match.reach_m,
+                match.half_weight_m,
+                match.distance_std_m,
+                match.iterations,
+                match.convergence_m,
+                match.widening,
+            ]
+        )
+        # Since the last update: the way and the turn that the odometry reports, its motion, and that of the scans.
+        self._way_m = self._turn_rad = 0.0
+        self._reported = np.zeros(3)
+        self._tracked = np.zeros(3)
+        self._last_step = np.zeros(3)
+        # Every scan's place, seen from the last update's scan.
+        self.T_update_scan = np.zeros((len(log), 3))
+        self.scan_update = np.zeros(len(log), dtype=np.int64)
+
+    def run(self) -> None:
+        """Filters the whole log."""
+        total = len(self.log)
+        for k in range(total):
+            self._take_scan(k)
+            if k % 100 == 99 or k == total - 1:
+                self._progress("filtering", k + 1, total)
+
+    def _take_scan(self, k: int) -> None:
+        """Follows the robot to scan k, and updates the particles where it went far enough."""
+        points = self._points.of(k)
+        if k == 0:
+            self._insert(k, points, np.zeros((len(self.poses), 3, 3)))
+            return
+        motion = self._motions[k - 1] if self.config.motion.use_odometry else self._last_step
+        self._way_m += math.hypot(motion[0], motion[1])
+        self._turn_rad += abs(float(motion[2]))
+        self._reported = se2.compose(self._reported, motion)
+        before = self._tracked
+        self._tracked = self._track(points, se2.compose(before, motion), motion)
+        self._last_step = se2.between(before, self._tracked)
+        self.T_update_scan[k] = self._tracked
+        self.scan_update[k] = len(self.updates) - 1
+        settings = self.settings
+        if self._way_m >= settings.linear_update_m or self._turn_rad >= settings.angular_update_rad:
+            self._update(k, points)
+
+    def _track(self, points: Float, expected: Float, motion: Float) -> Float:
+        """Where a scan between two updates is, seen from the last: matched on the best particle's map.
+
+        A filter that looks at the odometry alone between updates loses its start for the match when wheels slip.
+        """
+        origin = self.poses[self._best]
+        pose = se2.compose(origin, expected)
+        std = _motion_std(math.hypot(motion[0], motion[1]), abs(float(motion[2])), self.settings)
+        prior = np.array([*pose, *std])
+        start = pose.copy()
+        score = _filter_kernels.match_scan(
+            self.maps.tables[self._best],
+            self.maps.frame,
+            self.maps.cells,
+            points,
+            pose,
+            prior,
+            self._match_settings,
+            np.empty(6),
+        )
+        return se2.between(origin, pose if score >= self.settings.minimum_score else start)
+
+    def _update(self, k: int, points: Float) -> None:
+        """Steps 1 to 6 of the paper's Algorithm 1 for all particles, then its selective resampling."""
+        count = len(self.poses)
+        particles = np.zeros((count, 14))
+        particles[:, :3] = se2.compose(self.poses, self._tracked)
+        std = _motion_std(self._way_m, self._turn_rad, self.settings)
+        expected = self._reported if self.config.motion.use_odometry else self._tracked
+        priors = np.column_stack((se2.compose(self.poses, expected), np.tile(std, (count, 1))))
+        normals = self._random.standard_normal((count, 3))
+        settings = np.array(
+            [0.0, self.settings.minimum_score, *self._match_settings, self.settings.lsigma_m, self.config.match.reach_m]
+        )
+        maps = self.maps
+
+        def move(first: int) -> None:
+            rows = slice(first, first + CHUNK)
+            own = np.concatenate(([first], settings[1:]))
+            _filter_kernels.propose(
+                maps.tables, maps.frame, maps.cells, points, particles[rows], priors[rows], own, normals[rows]
+            )
+
+        map_in_order(move, range(0, count, CHUNK), self._threads)
+        self.poses = particles[:, :3].copy()
+        self.unmatched += int(np.count_nonzero(particles[:, 13] < self.settings.minimum_score))
+        self.log_weights += particles[:, 3] / self.settings.ogain
+        self.log_weights -= self.log_weights.max()
+        self._insert(k, points, particles[:, 4:13].reshape(count, 3, 3))
+        self._best = int(np.argmax(self.log_weights))
+        self._resample()
+
+    def _insert(self, k: int, points: Float, covariances: Float) -> None:
+        """Puts scan k into every particle's map at its pose, and notes the update."""
+        claimed = self.maps.claim(points, self._points.laser_origin(k), self.poses)
+
+        def insert(first: int) -> None:
+            for p in range(first, min(first + CHUNK, len(self.poses))):
+                self.maps.insert(p, points, self.poses[p], claimed)
+
+        map_in_order(insert, range(0, len(self.poses), CHUNK), self._threads)
+        self.updates.append(Update(k, self._tracked, self.poses.copy(), covariances, self._parents))
+        self._parents = np.arange(len(self.poses))
+        self._way_m = self._turn_rad = 0.0
+        self._reported, self._tracked = np.zeros(3), np.zeros(3)
+        self.T_update_scan[k] = 0.0
+        self.scan_update[k] = len(self.updates) - 1
+
+    def _resample(self) -> None:
+        """Selective resampling: only where the effective sample size, eq. (20), falls below its share of all."""
+        weights = np.exp(self.log_weights)
+        weights /= weights.sum()
+        effective = 1.0 / float(np.square(weights).sum())
+        if effective >= self.settings.resample_threshold * len(weights):
+            return
+        self._parents = systematic(weights, float(self._random.random()))
+        # The heaviest has an heir: nobody weighs more than 1 / n unless somebody else weighs less.
+        self._best = int(np.searchsorted(self._parents, self._best))
+        self.poses = self.poses[self._parents]
+        self.maps.resample(self._parents)
+        self.log_weights = np.zeros(len(weights))
+        self.resamplings += 1
+
+    def best_path(self) -> tuple[Float, Float]:
+        """Poses (updates, 3) and covariances (updates, 3, 3) of the best particle and its ancestors."""
+        poses, covariances = np.empty((len(self.updates), 3)), np.empty((len(self.updates), 3, 3))
+        p = int(self._parents[self._best])
+        for row in range(len(self.updates) - 1, -1, -1):
+            update = self.updates[row]
+            poses[row], covariances[row] = update.poses[p], update.covariances[p]
+            p = int(update.parents[p])
+        return poses, covariances
+
+
+def systematic(weights: Float, shift: float) -> Int:
+    """Who is drawn, shape (n,): n even steps through the weights, the first at ``shift`` (0 to 1) of a step."""
+    n = len(weights)
+    ends = np.cumsum(weights)
+    return np.minimum(np.searchsorted(ends, (shift + np.arange(n)) / n * ends[-1], side="right"), n - 1)
+
+
+def _motion_std(way_m: float, turn_rad: float, settings: GMappingConfig) -> tuple[float, float]:
+    """Standard deviations of the odometry over a way and a turn: of the translation (m), of the rotation (rad)."""
+    translation = math.hypot(settings.srr * way_m, settings.srt * turn_rad)
+    rotation = math.hypot(settings.str * way_m, settings.stt * turn_rad)
+    return max(translation, LEAST_STD_M), max(rotation, LEAST_STD_RAD)
+
+
+def path_graph(particle_filter: ParticleFilter) -> tuple[PoseGraph, Float]:
+    """The best particle's path as a chain of nodes with scans, and the poses (n, 3) of all scans of the log.
+
+    A scan between two updates follows both: what the second changed of the step that the scans had reported up to it
+    is shared out along the way.
+    """
+    updates = particle_filter.updates
+    poses, covariances = particle_filter.best_path()
+    state = GraphState(particle_filter.log)
+    before = np.zeros((3, 3))
+    for row, update in enumerate(updates):
+        cos, sin = math.cos(poses[row, 2]), math.sin(poses[row, 2])
+        turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        own = turn @ covariances[row] @ turn.T
+        edge = own
+        if row:
+            carry = se2.adjoint(se2.between(poses[row], poses[row - 1]))
+            edge = own + carry @ before @ carry.T
+        state.add_node(update.scan, poses[row], edge, edge)
+        before = own
+    graph = state.pose_graph(with_scans=True)
+    for k, row in enumerate(particle_filter.scan_update.tolist()):
+        state.hang_scan(k, row, se2.compose(poses[row], particle_filter.T_update_scan[k]))
+    # Only now, for the scans between the nodes: the graph measures what the particle's poses say.
+    state.odometry_edge[: len(updates)] = [update.tracked for update in updates]
+    return graph, state.scan_poses()
