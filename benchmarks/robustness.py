@@ -13,16 +13,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import statistics
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from _measure import data_parser, markdown, stop
@@ -85,6 +86,7 @@ def main() -> None:
     parser.add_argument("--counts", nargs="+", type=int, choices=COUNTS, default=list(COUNTS), metavar="N")
     parser.add_argument("--gnc-seeds", type=int, default=2, metavar="N", help="of GTSAM's GNC (default: 2)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="default: one a core")
+    parser.add_argument("--seconds", type=float, default=math.inf, metavar="N", help="begin no run after that long")
     parser.add_argument("--only-print", action="store_true", help="the table of what was measured before")
     options = parser.parse_args()
     if not options.only_print:
@@ -104,11 +106,23 @@ def measure_all(options: argparse.Namespace) -> None:
         if (case, solver) not in known and (solver != "gtsam-gnc" or case.seed < options.gnc_seeds)
     ]
     os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    end = time.monotonic() + options.seconds
     with ProcessPoolExecutor(options.jobs) as pool, options.results.open("a") as results:
-        waiting = [pool.submit(measure, options.data, case, solver) for case, solver in todo]
-        for one in as_completed(waiting):
-            results.write(json.dumps(asdict(one.result())) + "\n")
-            results.flush()
+        running: set[Future[Measured]] = set()
+        for case, solver in todo:
+            if time.monotonic() > end:
+                break
+            running.add(pool.submit(measure, options.data, case, solver))
+            if len(running) >= options.jobs:
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                write_down(done, results)
+        write_down(wait(running).done, results)
+
+
+def write_down(done: set[Future[Measured]], results: IO[str]) -> None:
+    for one in done:
+        results.write(json.dumps(asdict(one.result())) + "\n")
+    results.flush()
 
 
 def cases(graphs: Sequence[str], counts: Sequence[int], seeds: int) -> Iterator[Case]:
@@ -244,7 +258,7 @@ def share_table(results: Sequence[Measured]) -> str:
         cells = []
         for graph in GRAPHS:
             runs = [one for one in mine if one.graph == graph]
-            good = sum(one.error_m <= clean[graph] + BOUND_M for one in runs)
+            good = sum(one.error_m <= clean.get(graph, np.nan) + BOUND_M for one in runs)
             cells.append(f"{good} / {len(runs)}")
         rows.append((solver, *cells, f"{statistics.median(one.seconds for one in mine):.2f}"))
     return markdown(("solver", *GRAPHS, "median seconds"), rows)

@@ -53,6 +53,7 @@ class Descent:
 
     def __init__(self, system: System, graph: PoseGraph, information: Float) -> None:
         self.system = system
+        self.graph = graph
         self.measurements = graph.measurements
         self.information = information
         self.poses = graph.poses.copy()

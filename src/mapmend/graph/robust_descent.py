@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,23 @@ class KernelDescent(Descent):
         """The same poses under another kernel."""
         self.kernel = kernel
         self._weigh(self._cost(self.edge_chi2))
+
+    def restart(self, poses: Float) -> None:
+        """The same kernel at other poses, shape (n, 3)."""
+        self.poses = poses
+        self._begin()
+
+    def part(self, kept: NDArray[np.bool_]) -> KernelDescent:
+        """The same kernel and poses with the edges ``kept`` alone, shape (m,); each node must still hang on them."""
+        graph = replace(
+            self.graph,
+            poses=self.poses,
+            edges=self.graph.edges[kept],
+            measurements=self.measurements[kept],
+            information=self.graph.information[kept],
+            is_loop=self.graph.is_loop[kept],
+        )
+        return KernelDescent(System(graph), graph, self.information[kept], self.kernel, self.doubted[kept])
 
     def _begin(self) -> None:
         self.edge_chi2 = self._errors(self.poses)[1]
