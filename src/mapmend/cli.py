@@ -24,6 +24,7 @@ COULD_NOT, INTERRUPTED = 2, 130
 TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
 
 METHODS = ("go", "scanmatch", "odometry", "igo", "gmapping")
+COMPARED = ("odometry", "scanmatch", "gmapping", "go")
 KERNELS = ("none", "huber", "cauchy", "geman-mcclure", "dcs", "switchable", "max-mixture", "gnc")
 STARTS = ("given", "odometry", "tree", "chordal")
 WORLDS = ("corridor", "office", "random")
@@ -84,6 +85,7 @@ def parser() -> argparse.ArgumentParser:
     _add_info(commands)
     _add_map(commands)
     _add_optimize(commands)
+    _add_compare(commands)
     _add_check(commands)
     _add_eval(commands)
     _add_simulate(commands)
@@ -138,6 +140,34 @@ def _add_map(commands: Commands) -> None:
     command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
     command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")
     command.add_argument("--seed", type=_whole, metavar="N", help="seed of hypotheses and particles (default: 0)")
+    command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
+    _add_bag(command)
+    _add_lenient(command)
+    _add_threads(command)
+
+
+def _add_compare(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "compare",
+        "compare",
+        "map a log by several methods: error, seconds, memory and verdict of each, and a picture of all maps",
+        "Leaves a RUN folder a method, compare.png and run.json, which says it all.",
+    )
+    command.add_argument("log", metavar="LOG", help="a CARMEN log or a ROS bag, as for map")
+    command.add_argument("-o", "--output", metavar="DIR", default="compare", help="where to (default: compare)")
+    command.add_argument("--relations", metavar="F", help="true relations, for the errors; see eval")
+    command.add_argument(
+        "--methods",
+        nargs="+",
+        choices=METHODS,
+        default=list(COMPARED),
+        metavar="M",
+        help=f"which (default: {' '.join(COMPARED)})",
+    )
+    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
+    command.add_argument("--seed", type=_whole, metavar="N", help="seed of hypotheses and particles (default: 0)")
+    command.add_argument("--align", action="store_true", help="turn the maps so that most walls run along their axes")
     command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
     _add_bag(command)
     _add_lenient(command)

@@ -22,7 +22,7 @@ def _import_ahead() -> None:
 
 def run(options: Namespace) -> int:
     """Reads, maps, writes; what can't end well is refused before the work begins."""
-    config = _config(options)
+    config = configuration(options)
     check_method(options.method, config)
     check_writable(options.output)
     imports = Thread(target=_import_ahead, daemon=True)
@@ -66,7 +66,8 @@ def summary(page: dict[str, Any], folder: str) -> list[str]:
     return lines
 
 
-def _config(options: Namespace) -> Config:
+def configuration(options: Namespace) -> Config:
+    """The settings that the options ask for."""
     config = read_toml(options.config) if options.config else Config()
     if options.seed is not None:
         config = replace(config, seed=options.seed)

@@ -32,14 +32,16 @@ class MapPanel:
     T_world_map: Float
 
 
-def new_figure(panels: int, width_m: float, height_m: float) -> Figure:
-    """A figure with ``panels`` axes side by side for drawings of width_m x height_m, without a window."""
+def new_figure(panels: int, width_m: float, height_m: float, rows: int = 1, side: float = 4.6) -> Figure:
+    """A figure for ``rows`` rows of ``panels`` drawings of width_m x height_m side by side, without a window.
+
+    ``side``: how wide each is, in inches.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    side = 4.6
     aspect = min(max(height_m / width_m, 0.4), 2.5)
-    figure = Figure(figsize=(panels * side, side * aspect + 0.9), layout="compressed")
+    figure = Figure(figsize=(panels * side, rows * (side * aspect + 0.9)), layout="compressed")
     FigureCanvasAgg(figure)
     return figure
 
@@ -55,7 +57,7 @@ def draw_world(walls: Float, truth: Float, path: str | Path, title: str) -> None
     figure = new_figure(1, *(high - low))
     axes = figure.subplots()
     _draw_truth(axes, walls, truth)
-    _finish(axes, title, low, high)
+    finish_axes(axes, title, low, high)
     axes.set_ylabel("y [m]")
     save_figure(figure, path)
 
@@ -72,14 +74,14 @@ def draw_comparison(walls: Float, truth: Float, maps: list[MapPanel], path: str 
     figure = new_figure(len(maps) + 1, *(high - low))
     first, *others = figure.subplots(1, len(maps) + 1, sharex=True, sharey=True)
     _draw_truth(first, walls, truth)
-    _finish(first, "truth", low, high)
+    finish_axes(first, "truth", low, high)
     first.set_ylabel("y [m]")
     for axes, panel in zip(others, maps, strict=True):
-        _draw_grid(axes, panel.grid, panel.T_world_map)
+        draw_grid(axes, panel.grid, panel.T_world_map)
         axes.plot(truth[:, 0], truth[:, 1], "--", color=TRUE_PATH, linewidth=1.2, label="true path")
         path_xy = _in_world(panel.poses[:, :2], panel.T_world_map)
         axes.plot(path_xy[:, 0], path_xy[:, 1], color=ESTIMATE, linewidth=1.2, label="estimated path")
-        _finish(axes, panel.title, low, high)
+        finish_axes(axes, panel.title, low, high)
     if others:
         others[0].legend(loc="center", framealpha=1.0)
     save_figure(figure, path)
@@ -93,7 +95,8 @@ def _draw_truth(axes: Axes, walls: Float, truth: Float) -> None:
     axes.plot(truth[0, 0], truth[0, 1], "o", color=TRUE_PATH, markersize=6)
 
 
-def _draw_grid(axes: Axes, grid: OccupancyMap, T_world_map: Float) -> None:
+def draw_grid(axes: Axes, grid: OccupancyMap, T_world_map: Float) -> None:
+    """A map's cells, placed at ``T_world_map`` (3,)."""
     from matplotlib.colors import to_rgb
     from matplotlib.transforms import Affine2D
 
@@ -114,7 +117,8 @@ def _draw_grid(axes: Axes, grid: OccupancyMap, T_world_map: Float) -> None:
     axes.set_facecolor(UNKNOWN_COLOUR)
 
 
-def _finish(axes: Axes, title: str, low: Float, high: Float) -> None:
+def finish_axes(axes: Axes, title: str, low: Float, high: Float) -> None:
+    """Title, equal scales, and the corners ``low`` and ``high`` (2,) of what is shown, m."""
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])

@@ -1,0 +1,152 @@
+"""``mapmend compare``: methods beside each other on one log."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from mapmend import __version__
+from mapmend.commands.console import ProgressBar, print_json, say, table, thread_count
+from mapmend.errors import InputError, MapmendError
+from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
+
+PICTURE = "compare.png"
+BAG = ("scan_topic", "odom_topic", "base_frame", "deskew")
+
+
+def run(options: Namespace) -> int:
+    """Runs every method in a process of its own, then shows them together; one folder, whole or not at all."""
+    request = _request(options)
+    check_writable(options.output)
+    rows: list[dict[str, Any]] = []
+    with whole_or_nothing(options.output) as place:
+        place.mkdir(exist_ok=True)
+        with ProgressBar() as progress:
+            rows += [_run_child({**request, "method": m, "run": str(place / m)}, progress) for m in options.methods]
+        if all("failed" in row for row in rows):
+            raise MapmendError(rows[0]["failed"])
+        for note in next(row["notes"] for row in rows if "notes" in row):
+            say(f"note: {note}")
+        values = {
+            "mapmend": __version__,
+            "log": Path(options.log).name,
+            "relations": Path(options.relations).name if options.relations else None,
+            "seed": request["config"]["seed"],
+            "methods": [{name: value for name, value in row.items() if name != "notes"} for row in rows],
+        }
+        _draw(values, place)
+        write_whole(place / RUN_FILE, json.dumps(values, indent=2, allow_nan=False) + "\n")
+    if options.json:
+        print_json({**values, "output": options.output})
+    else:
+        print("\n".join(_lines(values, options.output)))
+    return 0
+
+
+def _request(options: Namespace) -> dict[str, Any]:
+    """What the children are told; wrong settings and relations are refused before the work begins."""
+    from mapmend.commands.map_log import configuration
+    from mapmend.config import to_dict
+    from mapmend.io.relations import read_relations
+    from mapmend.slam import check_method
+
+    config = configuration(options)
+    repeated = {method for method in options.methods if options.methods.count(method) > 1}
+    if repeated:
+        raise MapmendError(f"--methods names {', '.join(sorted(repeated))} twice")
+    for method in options.methods:
+        check_method(method, config)
+    if not Path(options.log).is_file() and not Path(options.log).is_dir():
+        raise InputError(options.log, "is not there", "check the path")
+    if options.relations:
+        read_relations(options.relations)
+    return {
+        "log": options.log,
+        "lenient": options.lenient,
+        "bag": {name: getattr(options, name) for name in BAG},
+        "config": to_dict(config),
+        "threads": thread_count(options.threads),
+        "relations": options.relations,
+    }
+
+
+def _run_child(request: dict[str, Any], progress: ProgressBar) -> dict[str, Any]:
+    """One method's row; a method that could not end well says why under ``failed``."""
+    command = [sys.executable, "-m", "mapmend.commands.compare_child", json.dumps(request)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stderr is not None
+        answer: dict[str, Any] = {}
+        try:
+            for line in child.stdout:
+                answer = json.loads(line)
+                if "progress" in answer:
+                    stage, done, total = answer["progress"]
+                    progress(f"{request['method']}: {stage}", done, total)
+            complaint = child.stderr.read().strip().splitlines()
+        except BaseException:
+            child.kill()
+            raise
+    if "result" in answer:
+        result: dict[str, Any] = answer["result"]
+        return result
+    died = complaint[-1] if complaint else f"it ended with code {child.returncode}"
+    return {"method": request["method"], "failed": answer.get("error", f"{request['method']} died: {died}")}
+
+
+def _draw(values: dict[str, Any], place: Path) -> None:
+    from mapmend.io.nav2 import read_map
+    from mapmend.io.reader import read_run
+    from mapmend.view.compare_picture import ComparedMap, draw_maps
+
+    maps = []
+    for row in values["methods"]:
+        if "failed" not in row:
+            folder = place / row["method"]
+            trajectory = read_run(folder)[0]
+            maps.append(ComparedMap(_title(row), read_map(folder / "map.yaml"), trajectory.poses))
+    draw_maps(maps, place / PICTURE)
+
+
+def _title(row: dict[str, Any]) -> str:
+    error = f": {row['translation_mean_m']:.3f} m" if "translation_mean_m" in row else ""
+    return f"{row['method']}{error}\n{_verdict(row)}"
+
+
+def _verdict(row: dict[str, Any]) -> str:
+    if row["consistent"] is None:
+        return "can't be checked"
+    return "consistent" if row["consistent"] else f"inconsistent, p = {row['p_value']:.2g}"
+
+
+def _lines(values: dict[str, Any], folder: str) -> list[str]:
+    """The table for people, and where the rest is."""
+    with_errors = values["relations"] is not None
+    head = ["method", *(["error [m]", "rotation [deg]"] if with_errors else [])]
+    head += ["seconds", "CPU [s]", "memory [MB]", "loops", "check"]
+    cells = []
+    for row in values["methods"]:
+        if "failed" in row:
+            cells.append([row["method"], *["-"] * (len(head) - 2), "failed"])
+            continue
+        line = [row["method"]]
+        if with_errors:
+            line += [
+                f"{row['translation_mean_m']:.4f} +- {row['translation_std_m']:.4f}",
+                f"{row['rotation_mean_deg']:.3f}",
+            ]
+        line += [f"{row['seconds']:.1f}", f"{row['cpu_seconds']:.1f}", f"{row['peak_memory_mb']:.0f}"]
+        cells.append([*line, str(row["loop_edges"]), _verdict(row)])
+    lines = [table(head, cells), ""]
+    lines += [f"{row['method']}: {row['failed']}" for row in values["methods"] if "failed" in row]
+    done = [row for row in values["methods"] if "failed" not in row]
+    if with_errors:
+        used, total = done[0]["used"], done[0]["total"]
+        lines.append(f"error: over {used} of {total} relations, mean and standard deviation, poses of the robot")
+    lines.append("seconds and memory: of reading, mapping and writing, each method in a process of its own")
+    lines.append(f"picture: {folder}/{PICTURE}, runs: " + ", ".join(f"{folder}/{row['method']}" for row in done))
+    return lines
