@@ -9,6 +9,7 @@ import mapmend
 from mapmend import simulation as simulation_module
 from mapmend.commands.simulate import first_scans
 from mapmend.io.carmen import write_carmen
+from mapmend.io.g2o import write_g2o
 from mapmend.io.tum import write_tum
 from mapmend.simulation import corridor_loop, simulate
 
@@ -72,3 +73,12 @@ def test_06(folder, capsys):
 
 def test_all_examples_are_run_here():
     assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05", "06"]
+
+
+def test_07(tmp_path, capsys):
+    from tests.tuning.graphs import doubtful_room
+
+    write_g2o(tmp_path / "graph.g2o", doubtful_room(nodes=40)[0])
+    run("07", tmp_path / "graph.g2o", tmp_path / "best.g2o")
+    assert "consistent: True" in capsys.readouterr().out
+    assert (tmp_path / "best.g2o").is_file()

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from mapmend.slam import MapResult as MapResult
     from mapmend.slam import build_map as build_map
     from mapmend.slam import read_log as read_log
+    from mapmend.tuning.dcs import TuneResult as TuneResult
+    from mapmend.tuning.dcs import tune as tune
 
 __version__ = "0.1.0"
 
@@ -30,10 +32,12 @@ _HOMES = {
     "Config": "mapmend.config",
     "MapResult": "mapmend.slam",
     "MapmendError": "mapmend.errors",
+    "TuneResult": "mapmend.tuning.dcs",
     "build_map": "mapmend.slam",
     "check": "mapmend.consistency.check",
     "read": "mapmend.io.reader",
     "read_log": "mapmend.slam",
+    "tune": "mapmend.tuning.dcs",
     "write_run": "mapmend.run_folder",
 }
 
@@ -42,11 +46,13 @@ __all__ = [
     "Config",
     "MapResult",
     "MapmendError",
+    "TuneResult",
     "__version__",
     "build_map",
     "check",
     "read",
     "read_log",
+    "tune",
     "write_run",
 ]
 

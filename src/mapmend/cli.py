@@ -87,6 +87,7 @@ def parser() -> argparse.ArgumentParser:
     _add_optimize(commands)
     _add_compare(commands)
     _add_check(commands)
+    _add_tune(commands)
     _add_eval(commands)
     _add_simulate(commands)
     return top
@@ -219,6 +220,34 @@ def _add_check(commands: Commands) -> None:
     )
     command.add_argument("graph", metavar="RUN|GRAPH", help="a RUN folder, or a g2o or TORO graph (.gz and .bz2 too)")
     command.add_argument("-o", "--output", metavar="DIR", help="where check.png goes (default: the RUN, or here)")
+    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
+    _add_threads(command)
+
+
+def _add_tune(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "tune",
+        "tune",
+        "find the kernel's parameter that gives the most consistent map: exit code 1 where none gives a consistent one",
+        "Needs a pose graph whose nodes carry scans, and no ground truth. Says which loops it switched off.",
+    )
+    command.add_argument("graph", metavar="RUN|GRAPH", help="a RUN folder, or a g2o or TORO graph (.gz and .bz2 too)")
+    command.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        help="a folder for graph.g2o and tune.png, or the graph's name (.g2o, .toro, .graph), tune.png beside it "
+        "(default: write nothing)",
+    )
+    command.add_argument("--kernel", choices=KERNELS[1:], default="dcs", help="what loops cost (default: dcs)")
+    command.add_argument(
+        "--init",
+        choices=STARTS,
+        default="odometry",
+        help="where every solve starts: along the odometry (default), at the poses in GRAPH, along a tree of the best "
+        "edges, or rotations first",
+    )
     command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
     _add_threads(command)
 

@@ -1,0 +1,162 @@
+"""``mapmend tune``: the kernel's parameter that gives the most consistent map, and that map."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapmend.commands.check import load_graph
+from mapmend.commands.console import ProgressBar, print_json, say, table, thread_count, told_compiling
+from mapmend.config import Config, read_toml
+from mapmend.errors import InputError, MapmendError, OutputError
+from mapmend.graph.optimizer import edge_chi2
+from mapmend.io.g2o import write_g2o
+from mapmend.io.output import check_file_writable, write_whole
+from mapmend.io.toro import write_toro
+from mapmend.tuning.dcs import PUBLISHED_PHI, TuneResult, tune
+
+INCONSISTENT = 1
+GRAPH, PICTURE = "graph.g2o", "tune.png"
+WRITERS = {".g2o": write_g2o, ".toro": write_toro, ".graph": write_toro}
+MOST_ROWS = 10
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the optimized graph and the picture go."""
+
+    graph: Path
+    picture: Path
+
+
+def run(options: Namespace) -> int:
+    """Tunes ``options.graph``; 0 where the map at phi* is consistent, 1 where no phi gives a consistent one."""
+    config = read_toml(options.config) if options.config else Config()
+    places = _places(options.output)
+    began = time.perf_counter()
+    graph = load_graph(options.graph)
+    seconds = {"read": time.perf_counter() - began}
+    began = time.perf_counter()
+    try:
+        with ProgressBar() as progress, told_compiling() as compiling:
+            result = tune(
+                graph,
+                config,
+                kernel=options.kernel,
+                init=options.init,
+                threads=thread_count(options.threads),
+                progress=progress,
+            )
+    except MapmendError as error:
+        raise InputError(
+            options.graph, str(error), "name a graph with scans and loops, or try another --init"
+        ) from error
+    seconds |= {"tune": time.perf_counter() - began, "compile": compiling.seconds}
+    for note in result.notes:
+        say(f"note: {note}")
+    began = time.perf_counter()
+    if places is not None:
+        _write(places, result, options)
+    seconds["write"] = time.perf_counter() - began
+    page = report(options, result, places) | {"seconds": {k: round(v, 3) for k, v in seconds.items()}}
+    if options.json:
+        print_json(page)
+    else:
+        print("\n".join(lines(page)))
+    return 0 if result.consistent else INCONSISTENT
+
+
+def _places(output: str | None) -> Places | None:
+    """A name that ends as graphs do is the graph's, with the picture beside it; any other is a folder for both."""
+    if not output:
+        return None
+    path = Path(output)
+    if path.suffix in WRITERS:
+        check_file_writable(path)
+        return Places(path, path.with_name(PICTURE))
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: can't be made ({error.strerror}); choose a place that can") from None
+    check_file_writable(path / GRAPH)
+    return Places(path / GRAPH, path / PICTURE)
+
+
+def _write(places: Places, result: TuneResult, options: Namespace) -> None:
+    from mapmend.view.tune_picture import tune_png
+
+    picture = tune_png(result, Path(options.graph).name)
+    WRITERS[places.graph.suffix](places.graph, result.graph)
+    write_whole(places.picture, picture)
+
+
+def report(options: Namespace, result: TuneResult, places: Places | None) -> dict[str, Any]:
+    """What ``--json`` prints, but for the seconds; nodes by their ids."""
+    graph, chi2 = result.graph, edge_chi2(result.graph)
+    verdict = result.check
+    return {
+        "graph": options.graph,
+        "output": str(places.graph) if places else None,
+        "picture": str(places.picture) if places else None,
+        "nodes": len(graph),
+        "loops": int(np.count_nonzero(graph.is_loop)),
+        "kernel": result.kernel,
+        "init": options.init,
+        "phi": result.phi,
+        "measure": result.measure_m,
+        "measure_published": result.measure_at(PUBLISHED_PHI),
+        "overlapping": result.overlapping,
+        "curve": [[phi, m] for phi, m in zip(result.curve_phi.tolist(), result.curve_m.tolist(), strict=True)],
+        "curve_bound": result.curve_bound,
+        "sampled": result.sampled,
+        "pairs_measured": result.measured,
+        "pairs_asked": result.asked,
+        "consistent": result.consistent,
+        "p_value": verdict.p_value,
+        "scans_tested": int(np.count_nonzero(verdict.scans.tested)),
+        "scans_inconsistent": int(np.count_nonzero(verdict.scans.failed)),
+        "switched_off": [
+            {"edge": row, "from": i, "to": j, "chi2": float(chi2[row]), "weight": float(result.edge_weights[row])}
+            for row, (i, j) in zip(
+                result.switched_off.tolist(), graph.ids[graph.edges[result.switched_off]].tolist(), strict=True
+            )
+        ],
+        "notes": list(result.notes),
+    }
+
+
+def lines(page: dict[str, Any]) -> list[str]:
+    """The report for people."""
+    seconds = {name: value for name, value in page["seconds"].items() if name != "compile"}
+    compiled = f"; {page['seconds']['compile']:.1f} of them compiling" if page["seconds"]["compile"] else ""
+    spent = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items())
+    published = page["measure_published"]
+    beside = "" if published is None else f"; with phi = {PUBLISHED_PHI:g} it is {published:.4g} m"
+    text = [
+        f"{page['graph']}: {page['nodes']} nodes, {page['loops']} loop edges, kernel {page['kernel']}",
+        f"  phi = {page['phi']:.4g}: scans contradict each other by {page['measure']:.4g} m a pair{beside}",
+        f"  looked at {len(page['curve'])} values of phi, at one pair of scans in {round(1.0 / page['sampled'])}",
+        *_off_lines(page["switched_off"]),
+        f"  seconds: {sum(seconds.values()):.1f} ({spent}{compiled})",
+    ]
+    text += [f"  graph: {page['output']}", f"  picture: {page['picture']}"] if page["output"] else []
+    counts = f"{page['scans_inconsistent']} of {page['scans_tested']} scans contradict the others"
+    if page["consistent"]:
+        return [*text, f"the map is consistent: p = {page['p_value']:.3g}, {counts}"]
+    return [*text, f"no phi gives a consistent map: at the best one p = {page['p_value']:.3g}, {counts}"]
+
+
+def _off_lines(rows: list[dict[str, Any]]) -> list[str]:
+    """The loops that phi* switched off, those farthest off first."""
+    if not rows:
+        return ["  switched off no loop"]
+    text = [f"  switched off {len(rows)} loop{'s' * (len(rows) != 1)}"]
+    worst = sorted(rows, key=lambda row: -row["chi2"])[:MOST_ROWS]
+    cells = [(f"{r['from']} -> {r['to']}", str(r["edge"]), f"{r['chi2']:.1f}", f"{r['weight']:.2g}") for r in worst]
+    text += [f"    {line}" for line in table(("nodes", "edge", "chi2", "weight"), cells).splitlines()]
+    return [*text, f"    and {len(rows) - len(worst)} more; --json names all"] if len(rows) > len(worst) else text

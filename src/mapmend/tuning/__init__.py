@@ -1,0 +1,1 @@
+"""The robust kernel that sets itself: Mazuran et al. (MC), section V."""

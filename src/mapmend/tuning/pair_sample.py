@@ -1,0 +1,161 @@
+"""The sum of MC (11) over pairs of scans, of many maps that differ little: what did not move is not measured again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.consistency.measure import measure_at
+from mapmend.consistency.visibility import Views, laser_places
+from mapmend.parallel import Progress, map_in_order, no_progress
+from mapmend.scan import Scans
+from mapmend.tuning import _kernels
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+PAIRS_A_PIECE = 1 << 11
+SCANS_A_PIECE = 256
+NO_DROP = (0, 0.0)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a sample of pairs says of f maps, a row each.
+
+    ``sum_m``: (f,), the sum of M_ij over the sample, metres; ``bound_m``: (f,), how far each may be off at most for
+    pairs that were not measured again. ``overlapping``: (f,), how many of the pairs may overlap. ``measured``: how many
+    pairs were measured in all, ``asked``: how many without the shortcut would have been.
+    """
+
+    sum_m: Float
+    bound_m: Float
+    overlapping: Int
+    measured: int
+    asked: int
+
+
+class PairSample:
+    """Every ``stride``-th pair of scans, the same pairs for all maps.
+
+    A pair is listed once its scans' circles of view meet in any of the maps evaluated; before, and wherever they do not
+    meet, it contributes nothing. Each pair remembers where its scans stood when it was last measured.
+    """
+
+    def __init__(self, scans: Scans, views: Views, stride: int) -> None:
+        self.scans = scans
+        self.views = views
+        self.stride = stride
+        self.circles = view_circles(views)
+        counts = np.diff(views.point_offsets)
+        far = np.concatenate(([0.0], np.cumsum(np.hypot(*views.points.T))))
+        self.sums = np.stack(
+            (counts.astype(np.float64), far[views.point_offsets[1:]] - far[views.point_offsets[:-1]]), axis=1
+        )
+        self.pairs = np.zeros((0, 2), np.int64)
+        self.kept = np.zeros((0, 4))
+        self.values = np.zeros(0)
+
+    def evaluate(
+        self,
+        poses: list[Float],
+        tolerance_m: float,
+        *,
+        threads: int = 1,
+        stage: str = "measure",
+        progress: Progress = no_progress,
+    ) -> Evaluation:
+        """The sums of maps, whose node poses (n, 3) are given; the same for any number of threads.
+
+        ``tolerance_m``: the mean bound that pairs may have which are not measured again, those that moved least first;
+        below 0 every pair is measured in every map.
+        """
+        rows = np.arange(len(self.scans))
+        lasers = np.stack([laser_places(self.scans, rows, p) for p in poses])
+        centres = np.empty((len(poses), len(rows), 2))
+        _kernels.place_circles(lasers, self.circles, centres)
+        self._list(centres, threads)
+
+        def work(begin: int) -> tuple[Float, Float, Int, int]:
+            piece = slice(begin, begin + PAIRS_A_PIECE)
+            return self._evaluate_piece(piece, lasers, centres, tolerance_m)
+
+        begins = list(range(0, len(self.pairs), PAIRS_A_PIECE))
+        parts = map_in_order(work, begins, threads, stage, progress)
+        none = np.zeros(len(poses))
+        return Evaluation(
+            sum_m=np.sum([p[0] for p in parts], axis=0) if parts else none,
+            bound_m=np.sum([p[1] for p in parts], axis=0) if parts else none,
+            overlapping=np.sum([p[2] for p in parts], axis=0) if parts else none.astype(np.int64),
+            measured=sum(p[3] for p in parts),
+            asked=len(self.pairs) * len(poses),
+        )
+
+    def _list(self, centres: Float, threads: int) -> None:
+        """Takes up pairs that meet in one of the maps and are not listed yet."""
+        n = len(self.circles)
+
+        def work(begin: int) -> Int:
+            first = (begin, min(begin + SCANS_A_PIECE, n))
+            count = _kernels.sampled_pairs(first, self.stride, centres, self.circles, np.empty((0, 2), np.int64))
+            found = np.empty((count, 2), np.int64)
+            if count:
+                _kernels.sampled_pairs(first, self.stride, centres, self.circles, found)
+            return found
+
+        found = np.concatenate(map_in_order(work, list(range(0, n, SCANS_A_PIECE)), threads) or [self.pairs])
+        known = self.pairs[:, 0] * n + self.pairs[:, 1]
+        found = found[~np.isin(found[:, 0] * n + found[:, 1], known)]
+        self.pairs = np.concatenate((self.pairs, found))
+        self.kept = np.concatenate((self.kept, np.full((len(found), 4), np.nan)))
+        self.values = np.concatenate((self.values, np.zeros(len(found))))
+
+    def _evaluate_piece(
+        self, piece: slice, lasers: Float, centres: Float, tolerance_m: float
+    ) -> tuple[Float, Float, Int, int]:
+        """Sums, bounds and overlapping pairs of some pairs in all maps, one map after the other."""
+        pairs, kept, values = self.pairs[piece], self.kept[piece], self.values[piece]
+        now, bounds = np.empty((len(pairs), 4)), np.empty(len(pairs))
+        maps = len(lasers)
+        sums, off, overlapping, measured = np.zeros(maps), np.zeros(maps), np.zeros(maps, np.int64), 0
+        reach = self.circles[pairs[:, 0], 2] + self.circles[pairs[:, 1], 2]
+        for f in range(maps):
+            _kernels.change_bounds(pairs, lasers[f], self.sums, kept, now, bounds)
+            rows = _worth_measuring(bounds, tolerance_m)
+            if len(rows):
+                chosen = pairs[rows]
+                values[rows] = measure_at(self.views, chosen, chosen, lasers[f], NO_DROP)[:, 1]
+                kept[rows] = now[rows]
+                bounds[rows] = 0.0
+            sums[f], off[f] = values.sum(), bounds.sum()
+            apart = centres[f, pairs[:, 1]] - centres[f, pairs[:, 0]]
+            overlapping[f] = np.count_nonzero(np.hypot(apart[:, 0], apart[:, 1]) <= reach)
+            measured += len(rows)
+        return sums, off, overlapping, measured
+
+
+def _worth_measuring(bounds: Float, tolerance_m: float) -> Int:
+    """The rows that are left when those with the least bounds are taken whose mean over all is within the tolerance."""
+    if tolerance_m < 0.0:
+        return np.arange(len(bounds))
+    order = np.argsort(bounds, kind="stable")
+    few = int(np.searchsorted(np.cumsum(bounds[order]), tolerance_m * len(bounds), side="right"))
+    return np.sort(order[few:])
+
+
+def view_circles(views: Views) -> Float:
+    """A circle about all that each scan sees, in the laser's frame: x, y, radius, (n, 3); no scan, a radius of -1."""
+    n = len(views)
+    circles = np.tile((0.0, 0.0, -1.0), (n, 1))
+    rays = views.beams.rays
+    for i in np.flatnonzero(np.diff(views.vertex_offsets) > 0):
+        reach = views.vertices[views.vertex_offsets[i] : views.vertex_offsets[i + 1], 0]
+        ends = reach[:, None] * rays[views.laser_of[i], : len(reach)]
+        low, high = np.minimum(ends.min(axis=0), 0.0), np.maximum(ends.max(axis=0), 0.0)
+        middle = (low + high) / 2.0
+        far = np.hypot(*(ends - middle).T).max()
+        # A hair larger: rounding must never leave a point out.
+        circles[i] = (*middle, max(far, float(np.hypot(*middle))) * (1.0 + 1e-9) + 1e-9)
+    return circles

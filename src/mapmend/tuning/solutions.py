@@ -1,0 +1,75 @@
+"""The solutions that a kernel gives for many values of its parameter, all from the same start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.errors import MapmendError
+from mapmend.graph.optimizer import optimize
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.graph.robust import kernel_of
+from mapmend.graph.system import System
+from mapmend.parallel import Progress, map_in_order, no_progress
+
+Float = NDArray[np.float64]
+
+VALUES_A_PIECE = 4
+"""Solves one after the other that share one analysis of the graph, which costs about as much as one step."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """``poses``: (n, 3). ``edge_weights``: (m,), what the kernel makes of the information of every edge."""
+
+    phi: float
+    poses: Float
+    edge_weights: Float
+
+
+def solve(
+    start: PoseGraph,
+    kernel: str,
+    phis: list[float],
+    *,
+    threads: int = 1,
+    stage: str = "solve",
+    progress: Progress = no_progress,
+) -> list[Solution | MapmendError]:
+    """The optimum nearest ``start.poses`` for each value of phi, or why there is none; the same for any threads.
+
+    ``kernel``: a name of ``graph.robust.KERNELS``. At phi = 0 no kernel trusts a loop: the loops are left out.
+    """
+    pieces = [phis[k : k + VALUES_A_PIECE] for k in range(0, len(phis), VALUES_A_PIECE)]
+
+    def work(piece: list[float]) -> list[Solution | MapmendError]:
+        system = System(start)
+        return [_solve(start, kernel, phi, system) for phi in piece]
+
+    parts = map_in_order(work, pieces, threads, stage, progress)
+    return [solution for part in parts for solution in part]
+
+
+def _solve(start: PoseGraph, kernel: str, phi: float, system: System) -> Solution | MapmendError:
+    try:
+        if phi == 0.0:
+            weights = np.where(start.is_loop, 0.0, 1.0)
+            return Solution(phi, optimize(without_loops(start)).poses, weights)
+        result = optimize(start, system=system, kernel=kernel_of(kernel, phi))
+    except MapmendError as error:
+        return error
+    return Solution(phi, result.poses, result.edge_weights)
+
+
+def without_loops(graph: PoseGraph) -> PoseGraph:
+    """The same graph, its odometry edges alone."""
+    kept = ~graph.is_loop
+    return replace(
+        graph,
+        edges=graph.edges[kept],
+        measurements=graph.measurements[kept],
+        information=graph.information[kept],
+        is_loop=graph.is_loop[kept],
+    )
