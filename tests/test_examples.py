@@ -72,7 +72,7 @@ def test_06(folder, capsys):
 
 
 def test_all_examples_are_run_here():
-    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05", "06"]
+    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05", "06", "07"]
 
 
 def test_07(tmp_path, capsys):
