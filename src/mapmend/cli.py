@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 COULD_NOT, INTERRUPTED = 2, 130
 TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
 
-METHODS = ("go", "scanmatch", "odometry", "igo", "gmapping")
-COMPARED = ("odometry", "scanmatch", "gmapping", "go")
+METHODS = ("go", "igo", "scanmatch", "odometry", "gmapping")
+COMPARED = ("odometry", "scanmatch", "gmapping", "go", "igo")
 KERNELS = ("none", "huber", "cauchy", "geman-mcclure", "dcs", "switchable", "max-mixture", "gnc")
 STARTS = ("given", "odometry", "tree", "chordal")
 WORLDS = ("corridor", "office", "random")
@@ -135,8 +135,8 @@ def _add_map(commands: Commands) -> None:
         "--method",
         choices=METHODS,
         default=METHODS[0],
-        help="go: matching, loops, optimization (default); scanmatch: no loops; odometry: as the log says; "
-        "gmapping: a particle filter; igo is not built yet",
+        help="go: matching, loops, optimization (default); igo: biased edges mended too; scanmatch: no loops; "
+        "odometry: as the log says; gmapping: a particle filter",
     )
     command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
     command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")

@@ -101,6 +101,14 @@ class LoopConfig:
 
 
 @dataclass(frozen=True)
+class IgoConfig:
+    """Iterative graph optimization (IGO IV)."""
+
+    rounds: int = 5  # the paper's iter
+    settled_share: float = 0.01  # of chi2, which for a sound graph is about the number of nodes: epsilon of Algorithm 1
+
+
+@dataclass(frozen=True)
 class ConsistencyConfig:
     """The consistency measure and its test (MC III and IV)."""
 
@@ -149,6 +157,7 @@ class Config:
     motion: MotionConfig = field(default_factory=MotionConfig)
     key_nodes: KeyNodeConfig = field(default_factory=KeyNodeConfig)
     loops: LoopConfig = field(default_factory=LoopConfig)
+    igo: IgoConfig = field(default_factory=IgoConfig)
     consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
     gmapping: GMappingConfig = field(default_factory=GMappingConfig)
     seed: int = 0
@@ -287,6 +296,7 @@ __all__ = [
     "ConsistencyConfig",
     "GMappingConfig",
     "GridConfig",
+    "IgoConfig",
     "KeyNodeConfig",
     "LoopConfig",
     "MapmendError",

@@ -44,6 +44,7 @@ def write_run(
 def run_page(result: MapResult, source: str = "") -> dict[str, Any]:
     """What run.json holds: enough to make the run again, and what came of it."""
     rows, columns = result.occupancy.image.shape
+    mended = {"mended": result.mended} if result.mended else {}
     return {
         "mapmend": __version__,
         "method": result.method,
@@ -52,6 +53,7 @@ def run_page(result: MapResult, source: str = "") -> dict[str, Any]:
         "counts": result.counts,
         "chi2_initial": result.chi2_initial,
         "chi2_final": result.chi2_final,
+        **mended,
         "path_m": path_length_m(result.trajectory.poses),
         "extent_m": np.ptp(result.trajectory.poses[:, :2], axis=0).tolist(),
         "map": {"rows": rows, "columns": columns, "resolution_m": result.occupancy.resolution_m},

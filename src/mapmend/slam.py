@@ -2,6 +2,7 @@
 
 read   io.reader             a log of scans, with the odometry at each
 match  front_end.builder     IGO III: predict, match, open nodes and key-nodes, search loops, optimize (IGO's "GO")
+mend   igo.iterate           IGO IV: match edges again from where the optimizer has the nodes, until chi2 settles
 map    grid.occupancy        the nodes' scans at the optimized poses
 write  run_folder            trajectory, graph, map, and a picture of them
 """
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +34,14 @@ from mapmend.io.tum import Trajectory
 from mapmend.parallel import Progress, no_progress
 from mapmend.scan import ScanLog
 
+if TYPE_CHECKING:
+    from mapmend.front_end.builder import FrontEnd
+
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 DEFAULT_METHOD = "go"
 DEFAULT_CONFIG = Config()
-PLANNED = ("igo",)
-"""Methods that the command line knows by name and that are not built yet."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ class MapResult:
 
     ``trajectory``: a pose for every scan, in the log's order. ``graph``: the nodes with their scans and stamps.
     ``key_nodes``: rows of the graph's nodes that open a key-node. ``chi2_initial`` is that of the odometry edges laid
-    end to end, ``chi2_final`` that of the graph's poses. ``counts`` and ``seconds`` (by stage) are fit for JSON.
+    end to end, ``chi2_final`` that of the graph's poses. ``counts``, ``mended`` (the rounds
+    of ``igo``) and ``seconds`` (by stage) are fit for JSON.
     """
 
     method: str
@@ -62,6 +66,7 @@ class MapResult:
     chi2_final: float
     seconds: dict[str, float]
     alignment: Alignment | None = None
+    mended: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,7 @@ class Built:
     key_nodes: Int
     searched: int = 0
     optimizations: int = 0
+    mended: dict[str, Any] | None = None
 
 
 def read_log(path: str | Path, lenient: bool = False, bag: BagOptions | None = None) -> ScanLog:
@@ -122,7 +128,21 @@ def build_map(
         chi2_final=chi2_final,
         seconds=seconds,
         alignment=alignment,
+        mended=built.mended,
     )
+
+
+def iterative_graph_optimization(
+    log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1
+) -> Built:
+    """``igo``: what ``go`` builds, mended. IGO section IV, Algorithm 1."""
+    from mapmend.front_end.builder import FrontEnd
+    from mapmend.igo.iterate import iterate
+
+    front_end = FrontEnd(log, config, progress)
+    front_end.run()
+    iteration = iterate(front_end, progress)
+    return replace(_built(front_end), mended=iteration.page())
 
 
 def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
@@ -130,7 +150,12 @@ def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_pro
     from mapmend.front_end.builder import FrontEnd
 
     front_end = FrontEnd(log, config, progress)
-    state = front_end.run()
+    front_end.run()
+    return _built(front_end)
+
+
+def _built(front_end: FrontEnd) -> Built:
+    state = front_end.state
     key_nodes = np.array([row.first for row in front_end.key_nodes.rows], dtype=np.int64)
     graph = state.pose_graph(with_scans=True)
     return Built(graph, state.scan_poses(), key_nodes, front_end.searched, front_end.optimizations)
@@ -183,6 +208,7 @@ def particle_filter(log: ScanLog, config: Config, progress: Progress = no_progre
 
 
 METHODS: dict[str, Callable[[ScanLog, Config, Progress, int], Built]] = {
+    "igo": iterative_graph_optimization,
     "go": graph_optimization,
     "scanmatch": scan_matching,
     "odometry": odometry_alone,
@@ -191,13 +217,11 @@ METHODS: dict[str, Callable[[ScanLog, Config, Progress, int], Built]] = {
 
 
 def check_method(method: str, config: Config) -> None:
-    """Raises MapmendError for a method that is not built, or that the configuration leaves nothing to go by."""
-    if method in PLANNED:
-        raise MapmendError(f"method '{method}' is not built yet; use one of {', '.join(METHODS)}")
+    """Raises MapmendError for a method that there is not, or that the configuration leaves nothing to go by."""
     if method not in METHODS:
         raise MapmendError(f"there is no method '{method}'; use one of {', '.join(METHODS)}")
     if method == "odometry" and not config.motion.use_odometry:
-        raise MapmendError("method 'odometry' has nothing to go by without odometry; use go or scanmatch")
+        raise MapmendError("method 'odometry' has nothing to go by without odometry; use igo, go or scanmatch")
 
 
 def check_log(log: ScanLog, config: Config) -> None:

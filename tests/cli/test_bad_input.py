@@ -5,7 +5,7 @@ import pytest
 
 from mapmend import cli
 from mapmend.commands import info as info_command
-from mapmend.slam import METHODS, PLANNED
+from mapmend.slam import METHODS
 from tests.cli.interrupts import interrupted
 
 
@@ -127,13 +127,8 @@ def test_an_output_folder_that_cannot_be_written(mapmend, log_path, tmp_path):
     assert (tmp_path / "mine" / "precious.txt").read_text() == "keep"
 
 
-@pytest.mark.parametrize("method", PLANNED)
-def test_methods_that_are_not_built_yet(refused, lines, method):
-    assert "not built yet" in refused("\n".join(lines), "--method", method)
-
-
 def test_the_command_line_knows_the_methods():
-    assert set(cli.METHODS) == {*METHODS, *PLANNED}
+    assert set(cli.METHODS) == set(METHODS)
     assert cli.METHODS[0] == "go"
 
 

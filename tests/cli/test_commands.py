@@ -159,11 +159,13 @@ def test_demo_leaves_runs_truth_and_picture(mapmend, tmp_path, monkeypatch):
     folder = tmp_path / "demo"
     answer = mapmend("demo", "-o", folder)
     assert answer.code == 0
-    assert [line.split()[0] for line in answer.out.splitlines()[4:7]] == ["odometry", "scanmatch", "go"]
-    assert {"log.clf", "truth.tum", "demo.png", "odometry", "scanmatch", "go"} <= {p.name for p in folder.iterdir()}
+    assert [line.split()[0] for line in answer.out.splitlines()[4:8]] == ["odometry", "scanmatch", "go", "igo"]
+    assert {"log.clf", "truth.tum", "demo.png", "odometry", "scanmatch", "go", "igo"} <= {
+        p.name for p in folder.iterdir()
+    }
     picture = (folder / "demo.png").read_bytes()
     values = json.loads(mapmend("demo", "-o", folder, "--json").out)
-    assert [row["method"] for row in values["methods"]] == ["odometry", "scanmatch", "go"]
+    assert [row["method"] for row in values["methods"]] == ["odometry", "scanmatch", "go", "igo"]
     assert (folder / "demo.png").read_bytes() == picture
 
 

@@ -19,7 +19,7 @@ from mapmend.simulation import OdometryModel, Simulation, corridor_loop, simulat
 from mapmend.slam import MapResult, build_map
 from mapmend.view.figures import MapPanel, draw_comparison
 
-METHODS = ("odometry", "scanmatch", "go")
+METHODS = ("odometry", "scanmatch", "go", "igo")
 PICTURE = "demo.png"
 
 # Wheels as of a worn robot: they turn a little to the left and slip where the floor is waxed.

@@ -17,7 +17,7 @@ from mapmend.slam import build_map, check_method, read_log
 
 def _import_ahead() -> None:
     """Loads what matching needs while the log is unpacked: both take about as long, on a core each."""
-    import mapmend.front_end.builder  # noqa: F401
+    import mapmend.igo.iterate  # noqa: F401
 
 
 def run(options: Namespace) -> int:
@@ -57,6 +57,11 @@ def summary(page: dict[str, Any], folder: str) -> list[str]:
         lines.append(
             f"  chi2: {page['chi2_initial']:.1f} by odometry edges alone, {page['chi2_final']:.1f} optimized "
             f"({counts['optimizations']} times)"
+        )
+    for turn, done in enumerate(page.get("mended", {}).get("rounds", []), 1):
+        lines.append(
+            f"  round {turn}: {done['matched']} edges matched again, {done['changed']} changed, {done['accepted']} "
+            f"accepted, {done['dropped']} of them loops that went"
         )
     # Compiling happens within the other stages.
     spent = {name: value for name, value in seconds.items() if name != "compile"}

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mapmend.config import Config
+from mapmend.front_end.edge_covariance import edge_covariance
 from mapmend.front_end.global_grid import GlobalGrid
 from mapmend.front_end.key_nodes import KeyNodes
 from mapmend.front_end.loop_closing import LoopSearch, Solved
@@ -26,9 +27,6 @@ STILL_RAD = 0.007
 # A loop edge to a known key-node that disagrees by more calls for an optimization.
 STRAIN_M = 0.06
 STRAIN_RAD = 0.02
-# How much of an edge's covariance is the grid's own error, which grows from node to node and does not cancel: as
-# measured against the truth (benchmarks/covariances.py).
-GRID_DRIFT = 0.06
 
 
 class FrontEnd:
@@ -40,12 +38,12 @@ class FrontEnd:
         self.state = GraphState(log)
         self._progress = progress
         self._motions = se2.between(log.odometry[:-1], log.odometry[1:])
-        self._points = ScanPoints(log.scans, config.scan)
-        self._matcher = SurfaceMatcher(config.match)
-        self._tracker = Tracker(self._matcher, config)
-        self.key_nodes = KeyNodes(self.state, self._points, config)
+        self.points = ScanPoints(log.scans, config.scan)
+        self.matcher = SurfaceMatcher(config.match)
+        self._tracker = Tracker(self.matcher, config)
+        self.key_nodes = KeyNodes(self.state, self.points, config)
         self._global = GlobalGrid(self.state, self.key_nodes, config)
-        self._loops = LoopSearch(self.state, self.key_nodes, self._points, self._matcher, config)
+        self.loops = LoopSearch(self.state, self.key_nodes, self.points, self.matcher, config)
         self._inserted_at = np.full(3, np.inf)
         self._motion_since_node = np.zeros(3)
         self._covariance_at_node = np.zeros((3, 3))
@@ -73,7 +71,7 @@ class FrontEnd:
             return before
         motion = self._reported_motion(k)
         self._motion_since_node = se2.compose(self._motion_since_node, motion)
-        tracked = self._tracker.track(self._global.grid, self._points.of(k), before, motion)
+        tracked = self._tracker.track(self._global.grid, self.points.of(k), before, motion)
         self.searched += tracked.searched
         pose = tracked.match.pose
         if self._is_far(self.state.hang_scan(k, self.state.last, pose)):
@@ -108,25 +106,13 @@ class FrontEnd:
             self._insert(k, pose)
 
     def _edge_covariance(self, match: Match) -> tuple[Float, Float]:
-        """IGO (2), and its drift: Sigma_obs where the score is good, more and more of Sigma_odo where it is not.
-
-        Both ends of the edge were matched on the grid, each with its own noise. The odometry was the prior of every
-        match: Sigma_obs is that of both together, and along a corridor, where the beams say nothing, the odometry's.
-        What the odometry contributes adds up along the trajectory; of what the matches do, only the grid's own share.
-        """
+        """IGO (2) of the edge to the newest match, and its drift. Both ends were matched, each with its own noise."""
         odometry = odometry_covariance(self._motion_since_node, self.config.motion)
         observed = match.covariance()
         carry = se2.adjoint(se2.inverse(self._motion_since_node))
         both = observed + carry @ self._covariance_at_node @ carry.T
         self._covariance_at_node = observed
-        told_by_matches = se2.invert_symmetric(both)
-        edge = se2.invert_symmetric(told_by_matches + se2.invert_symmetric(odometry))
-        drift = edge - (1.0 - GRID_DRIFT) * (edge @ told_by_matches @ edge)
-        least = self.config.match.min_score
-        if match.score < least:
-            edge = edge + (least - match.score) / least * odometry
-            drift = drift + (least - match.score) / least * odometry
-        return edge, drift
+        return edge_covariance(both, odometry, match.score, self.config.match.min_score)
 
     def _insert(self, k: int, pose: Float) -> None:
         grid = self.config.grid
@@ -134,7 +120,7 @@ class FrontEnd:
         near = math.hypot(step[0], step[1]) < grid.insert_every_m
         if near and abs(math.remainder(step[2], math.tau)) < grid.insert_every_rad:
             return
-        self._global.grid.insert(self._points.of(k), self._points.laser_origin(k), pose)
+        self._global.grid.insert(self.points.of(k), self.points.laser_origin(k), pose)
         self._inserted_at = pose
 
     def _close_loops(self) -> None:
@@ -143,7 +129,7 @@ class FrontEnd:
             return
         known = self.key_nodes.known()
         closed = False
-        for edge in self._loops.find():
+        for edge in self.loops.find():
             self.state.loops.append(edge)
             k = int(self.key_nodes.of_node[edge.anchor])
             closed |= k not in known
@@ -170,7 +156,7 @@ class FrontEnd:
         result = optimize(state.pose_graph())
         step = se2.between(state.node_pose[: state.count], result.poses)
         state.node_pose[: state.count] = result.poses
-        self._loops.solved = Solved.from_factor(result.factorization, result.poses)
+        self.loops.solved = Solved.from_factor(result.factorization, result.poses)
         self._optimized_at_m = float(state.node_path_m[state.last])
         self._strained = False
         self.optimizations += 1

@@ -131,6 +131,10 @@ class KeyNodes:
             self._grids.popitem(last=False)
         return self._grids[k]
 
+    def forget_grids(self) -> None:
+        """After nodes moved within their key-nodes: local grids are built anew when asked for (IGO IV-C, line 22)."""
+        self._grids.clear()
+
     def likelihood(self, k: int) -> LikelihoodField:
         """The likelihood field of the local grid of key-node k."""
         local = self.local_grid(k)

@@ -81,9 +81,11 @@ class LoopSearch:
         # The stretch that was found and not the newest scan: on the way back, a robot may face what it never saw.
         points = self._recent_points()
         predicted = self._seen_from(candidate.key_node, here)
-        prior = prior_at(predicted, self._certain())
+        prior = prior_at(predicted, self.certain())
         match = self._matcher.match(self._key_nodes.local_grid(candidate.key_node).grid, points, predicted, prior)
-        return self._confirmed(self._edge(candidate, match)) if self._verified_share(candidate, match, points) else []
+        if not self._verified_share(candidate, match, points):
+            return []
+        return self._confirmed(self.edge(candidate, match, state.last))
 
     def _oldest_m(self) -> float:
         """Trajectory length before which a place counts as left long enough to form a loop."""
@@ -147,7 +149,7 @@ class LoopSearch:
     def _match_known(self, candidate: Candidate) -> LoopEdge | None:
         """A key-node whose place is known well: the pose itself is guess enough, or else a short search finds it."""
         loops = self._config.loops
-        covariance = self._certain()
+        covariance = self.certain()
         predicted = self._predicted(candidate.key_node)
         local = self._key_nodes.local_grid(candidate.key_node)
         points = self._points.of(int(self._state.node_scan[self._state.last]))
@@ -157,7 +159,7 @@ class LoopSearch:
         matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
         agrees = matched >= loops.min_agreement * (matched + contradicted)
         if match.score >= loops.min_score and agrees and moved < 1.5:
-            return self._edge(candidate, match) if self._is_observed(match) else None
+            return self.edge(candidate, match, self._state.last) if self.is_observed(match) else None
         return None if agrees and moved < 1.5 else self._searched(candidate, covariance)
 
     def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
@@ -194,7 +196,7 @@ class LoopSearch:
             match = near
         # The next node may try again at once: it is to confirm this one.
         del self._tried_at_m[pair]
-        return self._edge(candidate, match)
+        return self.edge(candidate, match, self._state.last)
 
     def _predicted(self, key_node: int) -> Float:
         """Where the newest node is believed to be in the frame of a key-node's local grid."""
@@ -272,9 +274,9 @@ class LoopSearch:
         seen = matched + contradicted
         if seen < loops.min_overlap * len(points) or matched < loops.min_agreement * seen:
             return 0.0
-        return matched / seen if self._is_observed(match) else 0.0
+        return matched / seen if self.is_observed(match) else 0.0
 
-    def _is_observed(self, match: Match) -> bool:
+    def is_observed(self, match: Match) -> bool:
         """Whether the surfaces hold the match in every direction: along a bare corridor only noisy normals do."""
         weakest = float(np.linalg.eigvalsh(match.normal_matrix[:2, :2])[0])
         return weakest >= self._config.loops.min_observability * match.matched
@@ -283,18 +285,18 @@ class LoopSearch:
         """The points of the last T_l of trajectory in the frame of the newest node."""
         return recent_points(self._state, self._points, self._config.key_nodes.trajectory_length_m)
 
-    def _certain(self) -> Float:
+    def certain(self) -> Float:
         """The covariance of a prior that is good enough for Gauss-Newton alone."""
         loops = self._config.loops
         return np.diag([loops.certain_std_m**2, loops.certain_std_m**2, loops.certain_std_rad**2])
 
-    def _edge(self, candidate: Candidate, match: Match) -> LoopEdge:
-        """The edge from the key-node's nearest node: its lever is short, and the grid's own bend small."""
+    def edge(self, candidate: Candidate, match: Match, node: int) -> LoopEdge:
+        """The edge to a matched node from the key-node's nearest: its lever is short, and the grid's own bend small."""
         local = self._key_nodes.local_grid(candidate.key_node)
         anchor = candidate.nearest
         measured = se2.between(local.poses[anchor - local.begin], match.pose)
         covariance = match.covariance() + self._bend(candidate, measured)
-        return LoopEdge(anchor, self._state.last, measured, se2.invert_symmetric(covariance))
+        return LoopEdge(anchor, node, measured, se2.invert_symmetric(covariance))
 
     def _bend(self, candidate: Candidate, T_anchor_node: Float) -> Float:
         """What the local grid itself may be wrong by, in the frame of the matched node.

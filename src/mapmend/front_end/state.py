@@ -65,6 +65,7 @@ class GraphState:
         self.odometry_edge = np.zeros((n, 3))
         self.odometry_covariance = np.zeros((n, 3, 3))
         self.odometry_drift = np.zeros((n, 3, 3))
+        self.tracked_step = np.zeros((n, 3))  # the odometry edges as the front end found them, scans in between
         self._laid = np.zeros((n, 3))  # the odometry edges one after the other
         self.scan_node = np.zeros(n, dtype=np.int64)
         self.T_node_scan = np.zeros((n, 3))
@@ -84,7 +85,7 @@ class GraphState:
         self.count = j + 1
         if j:
             edge = se2.between(self.node_pose[j - 1], pose)
-            self.odometry_edge[j] = edge
+            self.odometry_edge[j] = self.tracked_step[j] = edge
             self.odometry_covariance[j] = covariance
             self.odometry_drift[j] = drift
             self._laid[j] = se2.compose(self._laid[j - 1], edge)
@@ -139,6 +140,21 @@ class GraphState:
         rows = np.arange(first + 1, last + 1)
         return np.asarray(_carried(self._carry(rows, last), self.odometry_covariance[rows]).sum(axis=0))
 
+    def replace_odometry(self, edges: dict[int, tuple[Float, Float, Float]]) -> None:
+        """New measurements (3,), covariances and drifts (3, 3) of odometry edges, by the node that each ends at.
+
+        All that is derived from odometry edges is derived again: the trajectory's length and the stretch edges.
+        """
+        for j, (edge, covariance, drift) in edges.items():
+            self.odometry_edge[j] = edge
+            self.odometry_covariance[j], self.odometry_drift[j] = covariance, drift
+        self.stretches = []
+        for j in range(1, self.count):
+            edge = self.odometry_edge[j]
+            self._laid[j] = se2.compose(self._laid[j - 1], edge)
+            self.node_path_m[j] = self.node_path_m[j - 1] + float(np.hypot(edge[0], edge[1]))
+            self._add_stretches(j)
+
     def pose_graph(self, with_scans: bool = False) -> PoseGraph:
         """The graph of all nodes and edges: odometry, stretches, loops; the scans with it where asked for."""
         n, chain = self.count, np.arange(1, self.count)
@@ -169,10 +185,10 @@ class GraphState:
         node = self.scan_node
         behind = se2.compose(self.node_pose[node], self.T_node_scan)
         after = np.minimum(node + 1, self.last)
-        step = se2.compose(self.node_pose[node], self.odometry_edge[after])
+        step = se2.compose(self.node_pose[node], self.tracked_step[after])
         change = se2.between(step, self.node_pose[after])
-        length = np.hypot(self.odometry_edge[after, 0], self.odometry_edge[after, 1])
-        turn = np.abs(self.odometry_edge[after, 2])
+        length = np.hypot(self.tracked_step[after, 0], self.tracked_step[after, 1])
+        turn = np.abs(self.tracked_step[after, 2])
         way = np.hypot(self.T_node_scan[:, 0], self.T_node_scan[:, 1]) + np.abs(self.T_node_scan[:, 2])
         share = np.clip(way / np.maximum(length + turn, 1e-9), 0.0, 1.0)
         share[after == node] = 0.0

@@ -43,6 +43,10 @@ class Match:
     normal_matrix: Float
     residual_std_m: float
 
+    def variance(self) -> float:
+        """Of a point's distance to its surface, with what cells share: the normal matrix over it is information."""
+        return SHARED_ERRORS * max(self.residual_std_m, LEAST_RESIDUAL_M) ** 2
+
     def covariance(self) -> Float:
         """Sigma_obs of the pose on the grid, in the pose's own frame, shape (3, 3): Hessian method of IGO's [2].
 
@@ -51,8 +55,7 @@ class Match:
         """
         cos, sin = math.cos(self.pose[2]), math.sin(self.pose[2])
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        variance = SHARED_ERRORS * max(self.residual_std_m, LEAST_RESIDUAL_M) ** 2
-        information = turn.T @ self.normal_matrix @ turn / variance + np.eye(3) / UNSEEN_STD_M**2
+        information = turn.T @ self.normal_matrix @ turn / self.variance() + np.eye(3) / UNSEEN_STD_M**2
         return se2.invert_symmetric(information)
 
 

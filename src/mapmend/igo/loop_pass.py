@@ -1,0 +1,102 @@
+"""The second pass of a rebuild: loop edges, matched again on the rebuilt grids of their key-nodes. IGO IV-C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapmend.front_end.builder import FrontEnd
+from mapmend.front_end.loop_closing import Candidate
+from mapmend.front_end.state import LoopEdge
+from mapmend.geometry import se2
+from mapmend.graph.robust import DISTRUST_WEIGHT
+from mapmend.igo.observed import Bool, Float
+from mapmend.igo.odometry_pass import between, is_same, score_noise
+from mapmend.matching.gauss_newton import Match, prior_at
+from mapmend.parallel import Progress, no_progress
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """``loops``: what is left of the loop edges, in their order; ``rows``: which of the old ones each was.
+
+    ``changed`` (k,): which of those left have a new measurement. ``matched``: how many were matched again.
+    """
+
+    loops: list[LoopEdge]
+    rows: list[int]
+    changed: Bool
+    matched: int
+
+
+class LoopPass:
+    """Lines 15 to 22 of Algorithm 1."""
+
+    def __init__(self, front_end: FrontEnd) -> None:
+        self._front_end = front_end
+        self._state, self._points, self._matcher = front_end.state, front_end.points, front_end.matcher
+        self._config = front_end.config
+
+    def run(self, wanted: Bool, weights: Float, optimized: Float, progress: Progress = no_progress) -> LoopResult:
+        """Matches the ``wanted`` loop edges (k,) again, on grids at the state's poses, near where ``optimized`` has it.
+
+        ``weights`` (k,): what the robust kernel left of each. Those that are not wanted stay as they are.
+        """
+        loops = self._state.loops
+        left: dict[int, tuple[LoopEdge, bool]] = {}
+        # Key-node by key-node, so that each local grid is built once.
+        order = sorted(range(len(loops)), key=lambda row: int(self._front_end.key_nodes.of_node[loops[row].anchor]))
+        for done, row in enumerate(order):
+            edge = loops[row]
+            if not wanted[row]:
+                left[row] = (edge, False)
+                continue
+            new = self._rematch(edge, float(weights[row]), se2.between(optimized[edge.anchor], optimized[edge.node]))
+            if new is not None:
+                left[row] = (new, new is not edge)
+            if done % 100 == 99:
+                progress("rebuilding loops", done + 1, len(loops))
+        rows = sorted(left)
+        changed = np.array([left[row][1] for row in rows], dtype=np.bool_)
+        return LoopResult([left[row][0] for row in rows], rows, changed, int(wanted.sum()))
+
+    def _rematch(self, edge: LoopEdge, weight: float, step: Float) -> LoopEdge | None:
+        """The edge itself where it came back unchanged, a new one where it moved, None where no match holds.
+
+        ``step`` (3,): where the optimizer has the node, seen from the anchor. An edge that the kernel distrusts must
+        come back to where the optimizer wants it, or go: looking alike is what made it false.
+        """
+        front_end, loops = self._front_end, self._config.loops
+        k = int(front_end.key_nodes.of_node[edge.anchor])
+        local = front_end.key_nodes.local_grid(k)
+        points = self._points.of(int(self._state.node_scan[edge.node]))
+        anchor = local.poses[edge.anchor - local.begin]
+        old, guess = se2.compose(anchor, edge.T_anchor_node), se2.compose(anchor, step)
+        match = self._best(k, points, old, guess)
+        matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
+        agrees = matched >= loops.min_agreement * (matched + contradicted)
+        if match.score < loops.min_score or not agrees or not front_end.loops.is_observed(match):
+            return None
+        measured = se2.between(anchor, match.pose)
+        if weight < DISTRUST_WEIGHT and self._is_far(step, measured):
+            return None
+        if is_same(edge.T_anchor_node, measured):
+            return edge
+        return front_end.loops.edge(Candidate(k, edge.anchor), match, edge.node)
+
+    def _is_far(self, step: Float, measured: Float) -> bool:
+        """Whether a measurement lies farther from the optimizer's poses than those are certain."""
+        off, loops = se2.between(step, measured), self._config.loops
+        return bool(np.hypot(off[0], off[1]) > loops.certain_std_m or abs(off[2]) > loops.certain_std_rad)
+
+    def _best(self, k: int, points: Float, old: Float, guess: Float) -> Match:
+        """The best-scoring match from the guesses between two poses (3,); ties go to the pose nearest ``guess``."""
+        grid = self._front_end.key_nodes.local_grid(k).grid
+        covariance = self._front_end.loops.certain()
+        best = self._matcher.match(grid, points, guess, prior_at(guess, covariance))
+        for start in between(old, guess, self._config.loops.guess_every_m):
+            other = self._matcher.match(grid, points, start, prior_at(start, covariance))
+            if other.score > best.score + score_noise(best.score, len(points)):
+                best = other
+        return best

@@ -1,0 +1,282 @@
+"""The first pass of a rebuild: edges between successive nodes, matched again behind the rebuilt trail. IGO IV-C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapmend.front_end.builder import FrontEnd
+from mapmend.front_end.edge_covariance import edge_covariance
+from mapmend.front_end.motion import odometry_covariance, odometry_std
+from mapmend.geometry import se2
+from mapmend.grid.surface import SurfaceGrid
+from mapmend.igo.observed import Bool, Float, Measured, Observer, turned
+from mapmend.igo.steady import SteadyMotion, steady_motion, usual_change
+from mapmend.igo.trail import TrailGrid
+from mapmend.matching.gauss_newton import UNSEEN_STD_M, Match, round_prior
+from mapmend.parallel import Progress, no_progress
+
+# How many edges back the speed of an edge is learnt from.
+LOOK_BACK = 40
+# Edges after an open one may be biased too: what comes into sight was drawn at poses that the open ones carried off.
+AFTER_OPEN = 10
+# A pose that a match moves by less was right: what the front end, too, takes for no motion of the map.
+SAME_M = 0.02
+SAME_RAD = 0.007
+# The same for an edge that has an open axis: there the motion is not matched but computed, and does not scatter.
+SAME_OPEN = 0.002
+# An edge is biased that its re-match leaves by more than this, in squared standard deviations times what is usual: the
+# 99.9 % quantile of chi-square with three degrees of freedom; its median; and over how many edges the usual is taken.
+FAR_CHI2, MEDIAN_CHI2, SCATTER_OVER = 16.27, 2.37, 100
+# A match is doubtful that scores this far below the usual, or lies so many standard deviations off the odometry. A
+# node's share of the usual score makes it follow some twenty nodes.
+DROP, CONTRADICTS, USUAL_SHARE = 0.05, 2.0, 0.05
+# Scores closer than so many standard deviations are ties.
+TIE = 2.0
+# Guesses between an edge and the optimizer: a false one may be metres off, and what lies that far is searched for.
+MOST_GUESSES = 40
+
+
+Spread = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class NewEdge:
+    """A measurement (3,) that replaces an odometry edge's, with its covariance and the part that adds up (3, 3)."""
+
+    motion: Float
+    covariance: Float
+    drift: Float
+
+
+@dataclass(frozen=True)
+class OdometryResult:
+    """``edges``: the new ones, by the node that they end at. ``poses`` (n, 3): the rebuilt map's. ``matched``, and how
+    many of these ``changed``, before score and covariance had their say."""
+
+    edges: dict[int, NewEdge]
+    poses: Float
+    matched: int
+    changed: int
+
+
+class OdometryPass:
+    """Lines 4 to 14 of Algorithm 1."""
+
+    def __init__(self, front_end: FrontEnd) -> None:
+        self._front_end = front_end
+        self._state, self._points, self._matcher = front_end.state, front_end.points, front_end.matcher
+        self._config = front_end.config
+        self._observer = Observer(front_end.config)
+        self._seconds = edge_seconds(front_end)
+        self._measured = Measured.of_nothing(front_end.state.count)
+        self._steady: SteadyMotion | None = None
+        self._change = np.zeros(3)
+        self._usual_score = 1.0
+        self._scatter = np.zeros(front_end.state.count)
+
+    def run(self, wanted: Bool, progress: Progress = no_progress) -> OdometryResult:
+        """Matches the ``wanted`` edges (n,) again, each by the node that it ends at."""
+        state, n = self._state, self._state.count
+        trail = TrailGrid(state, self._points, self._config)
+        optimized = state.node_pose[:n].copy()
+        poses = optimized.copy()
+        accepted = np.zeros(n, dtype=np.bool_)
+        changed = 0
+        for j in range(1, n):
+            step = se2.between(optimized[j - 1], optimized[j])
+            if wanted[j]:
+                step, differs, accepted[j] = self._rematch(j, poses[j - 1], step, trail.before(j, poses))
+                changed += differs
+            poses[j] = se2.compose(poses[j - 1], step)
+            if j % 100 == 99 or j == n - 1:
+                progress("rebuilding", j + 1, n)
+        edges = self._new_edges(wanted, accepted)
+        for j in range(1, n):
+            step = edges[j].motion if j in edges else se2.between(optimized[j - 1], optimized[j])
+            poses[j] = se2.compose(poses[j - 1], step)
+        return OdometryResult(edges, poses, int(wanted[1:].sum()), max(changed, len(edges)))
+
+    def _rematch(self, j: int, behind: Float, step: Float, grid: SurfaceGrid) -> tuple[Float, bool, bool]:
+        """Matches node j on the grid of those before it: the step to take, whether it differs, and is accepted.
+
+        Guesses lie every few centimetres between where the edge puts the node and where the optimizer does.
+        """
+        state, m = self._state, self._measured
+        points = self._points.of(int(state.node_scan[j]))
+        motion = self._expected_motion(j, step)
+        predicted = se2.compose(behind, motion)
+        old, guess = se2.compose(behind, state.odometry_edge[j]), se2.compose(behind, step)
+        std = odometry_std(motion, self._config.motion)
+        match = self._best(grid, points, (behind, predicted, old, guess), std)
+        information, axis = self._observer.information(grid, points, match)
+        found = se2.between(behind, match.pose)
+        if axis.any():
+            along = turned(axis, found[2])
+            found[:2] += along * float(along @ (motion[:2] - found[:2]))
+        m.motions[j], m.information[j], m.open_axes[j] = found, information, axis
+        m.covariances[j], m.scores[j] = match.covariance(), match.score
+        if self._is_by_laser_alone and m.is_open[max(1, j - AFTER_OPEN) : j + 1].any():
+            return self._steady_step(j), True, False
+        differs = self._is_biased(j, found)
+        accepted = differs and not axis.any() and self._is_better(grid, points, match, old, guess)
+        return (found if accepted else step), differs, accepted
+
+    def _is_biased(self, j: int, found: Float) -> bool:
+        """Whether a re-match differs from the edge by more than edges of this log, and near here, scatter.
+
+        Among leaves, matches of one scan on two grids differ by more than they say. The usual squared Mahalanobis
+        distance of the last edges is the measure.
+        """
+        off = se2.between(self._state.odometry_edge[j], found)
+        distance = float(off @ np.linalg.solve(self._state.odometry_covariance[j], off))
+        self._scatter[j] = distance
+        before = self._scatter[max(1, j - SCATTER_OVER) : j + 1]
+        usual = max(float(np.median(before)) / MEDIAN_CHI2, 1.0)
+        return distance > FAR_CHI2 * usual and not is_same(self._state.odometry_edge[j], found)
+
+    @property
+    def _is_by_laser_alone(self) -> bool:
+        return not self._config.motion.use_odometry
+
+    def _expected_motion(self, j: int, step: Float) -> Float:
+        """What the odometry reports of edge j; without odometry, the step of now."""
+        if self._is_by_laser_alone:
+            return step if self._steady is None else self._steady.motions[j - 1]
+        odometry, scans = self._front_end.log.odometry, self._state.node_scan
+        return se2.between(odometry[scans[j - 1]], odometry[scans[j]])
+
+    def _best(self, grid: SurfaceGrid, points: Float, starts: tuple[Float, Float, Float, Float], std: Spread) -> Match:
+        """The best-scoring match from guesses between poses; scores that tie go to the pose nearest the optimizer's.
+
+        ``starts``: where the node before stands, where the odometry, the edge, and the optimizer put this one. Where
+        the first match scores low or contradicts the odometry, wheels may have slipped: part of the motion did not
+        happen, and guesses lie also between no motion and what the odometry reports.
+        """
+        behind, predicted, old, guess = starts
+        best = self._matcher.match(grid, points, guess, round_prior(predicted, *std))
+        off = se2.between(predicted, best.pose)
+        doubtful = best.score < self._usual_score - DROP or np.hypot(off[0], off[1]) > CONTRADICTS * std[0]
+        others = between(old, guess, self._config.loops.guess_every_m)
+        if doubtful and not self._is_by_laser_alone:
+            others += [predicted, behind, *between(behind, predicted, self._config.loops.guess_every_m)]
+        for start in others:
+            other = self._matcher.match(grid, points, start, round_prior(start if doubtful else predicted, *std))
+            if other.score > best.score + score_noise(best.score, len(points)):
+                best = other
+        self._usual_score += USUAL_SHARE * (best.score - self._usual_score)
+        return best
+
+    def _is_better(self, grid: SurfaceGrid, points: Float, match: Match, old: Float, guess: Float) -> bool:
+        """Whether a match that differs from the old edge replaces it: by score, where scores tie by the optimizer."""
+        if match.score < self._config.match.min_score or len(points) == 0:
+            return False
+        score = self._matcher.judge(grid, points, old)[0] / len(points)
+        noise = score_noise(score, len(points))
+        if match.score > score + TIE * noise:
+            return True
+        nearer = np.hypot(*(match.pose - guess)[:2]) < 0.5 * np.hypot(*(old - guess)[:2])
+        return bool(match.score >= score - TIE * noise and nearer)
+
+    def _steady_step(self, j: int) -> Float:
+        """The motion of edge j at a steady speed: from the round before, or from what lies behind."""
+        if self._steady is not None:
+            return self._steady.motions[j - 1]
+        m, seconds = self._measured, self._seconds
+        if not self._change.any() or j % LOOK_BACK == 0:
+            self._change = usual_change(m.motions[1:j], m.information[1:j], seconds[1:j])
+        rows = np.arange(max(1, j - LOOK_BACK), j + 1)
+        return steady_motion(m.motions[rows], m.information[rows], seconds[rows], self._change).motions[-1]
+
+    def _new_edges(self, wanted: Bool, accepted: Bool) -> dict[int, NewEdge]:
+        """The edges to replace, with their covariances by IGO (2)."""
+        if self._is_by_laser_alone:
+            accepted = accepted | self._level_speeds(wanted)
+        odometry = self._motion_covariances()
+        return {int(j): self._new_edge(int(j), odometry[j]) for j in np.flatnonzero(accepted)}
+
+    def _new_edge(self, j: int, odometry: Float) -> NewEdge:
+        m = self._measured
+        motion = m.motions[j]
+        carry = se2.adjoint(se2.inverse(motion))
+        before = m.covariances[j - 1] if m.scores[j - 1] else m.covariances[j]
+        both = m.covariances[j] + carry @ before @ carry.T
+        if m.is_open[j]:
+            both = opened(both, m.open_axes[j])
+        return NewEdge(motion, *edge_covariance(both, odometry, m.scores[j], self._config.match.min_score))
+
+    def _level_speeds(self, wanted: Bool) -> Bool:
+        """Gives the open edges a steady speed, from both ends of each stretch; which edges that changes."""
+        m, state, n = self._measured, self._state, self._state.count
+        if not m.is_open.any():
+            return np.zeros(n, dtype=np.bool_)
+        self._change = usual_change(m.motions[1:], m.information[1:], self._seconds[1:])
+        self._steady = steady_motion(m.motions[1:], m.information[1:], self._seconds[1:], self._change)
+        after = np.zeros(n, dtype=np.bool_)
+        for j in np.flatnonzero(m.is_open):
+            along = turned(m.open_axes[j], m.motions[j, 2])
+            m.motions[j, :2] += along * float(along @ (self._steady.motions[j - 1, :2] - m.motions[j, :2]))
+            after[j : j + AFTER_OPEN + 1] = True
+        for j in np.flatnonzero(after & wanted):
+            off = se2.between(state.odometry_edge[j], m.motions[j])
+            after[j] = max(np.hypot(off[0], off[1]), abs(off[2])) > SAME_OPEN
+        return after & wanted
+
+    def _motion_covariances(self) -> Float:
+        """Sigma_odo of every edge, (n, 3, 3); along open stretches without odometry, what its speed leaves of each."""
+        m, motion = self._measured, self._config.motion
+        own = np.array([odometry_covariance(step, motion) for step in self._expected_motions()])
+        if self._steady is None:
+            return own
+        for first, end in runs(m.is_open):
+            of_stretch = self._steady.covariance_of_sum(first - 1, end - 1)
+            share = self._seconds[first:end] / self._seconds[first:end].sum()
+            own[first:end] = share[:, None, None] * of_stretch
+        return own
+
+    def _expected_motions(self) -> Float:
+        if self._is_by_laser_alone:
+            return self._measured.motions
+        poses = self._front_end.log.odometry[self._state.node_scan[: self._state.count]]
+        return np.concatenate((np.zeros((1, 3)), se2.between(poses[:-1], poses[1:])))
+
+
+def edge_seconds(front_end: FrontEnd) -> Float:
+    """How long each odometry edge took, (n,), by the node that it ends at; by its number of scans where stamps jump."""
+    scans, stamps = front_end.state.node_scan[: front_end.state.count], front_end.log.stamps_s
+    interval = np.diff(stamps)
+    usual = float(np.median(interval[interval > 0.0])) if (interval > 0.0).any() else 1.0
+    by_count = usual * np.maximum(np.diff(scans, prepend=0), 1)
+    seconds = np.diff(stamps[scans], prepend=stamps[0])
+    return np.where((seconds > 0.2 * by_count) & (seconds < 5.0 * by_count), seconds, by_count)
+
+
+def between(first: Float, last: Float, every_m: float) -> list[Float]:
+    """Poses (3,) every so many metres from the last to the first, the last aside; none where the two are near."""
+    count = min(int(np.hypot(*(last - first)[:2]) / every_m), MOST_GUESSES)
+    return [se2.interpolate(first, last, share) for share in np.linspace(1.0, 0.0, count + 1)[1:]]
+
+
+def is_same(old: Float, new: Float) -> bool:
+    """Whether an edge came back unchanged: two measurements (3,) of one motion."""
+    off = se2.between(old, new)
+    return bool(np.hypot(off[0], off[1]) <= SAME_M and abs(off[2]) <= SAME_RAD)
+
+
+def score_noise(score: float, points: int) -> float:
+    """The standard deviation of a score, a share of so many points: better by less is a tie."""
+    return float(np.sqrt(max(score * (1.0 - score), 0.01) / max(points, 1)))
+
+
+def opened(covariance: Float, axis: Float) -> Float:
+    """A covariance (3, 3) that leaves an axis (2,) open."""
+    wide = covariance.copy()
+    wide[:2, :2] += UNSEEN_STD_M**2 * np.outer(axis, axis)
+    return wide
+
+
+def runs(marked: Bool) -> list[tuple[int, int]]:
+    """The stretches of True: the first row of each, and the row after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
+    return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]

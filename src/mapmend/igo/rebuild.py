@@ -1,0 +1,102 @@
+"""The graph and its grids, built again from the optimizer's poses. IGO Algorithm 1, lines 1 to 23."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mapmend.front_end.builder import FrontEnd
+from mapmend.front_end.state import LoopEdge
+from mapmend.igo.loop_pass import LoopPass
+from mapmend.igo.observed import Bool, Float
+from mapmend.igo.odometry_pass import OdometryPass
+from mapmend.parallel import Progress, no_progress
+
+
+@dataclass(frozen=True)
+class BiasedEdge:
+    """An edge that was found biased: between which nodes, from what measurement (3,) to what; None where it went."""
+
+    first: int
+    last: int
+    is_loop: bool
+    before: Float
+    after: Float | None
+
+    def page(self) -> dict[str, Any]:
+        """The same, fit for JSON."""
+        after = None if self.after is None else self.after.tolist()
+        return {
+            "nodes": [self.first, self.last],
+            "is_loop": self.is_loop,
+            "before": self.before.tolist(),
+            "after": after,
+        }
+
+
+@dataclass(frozen=True)
+class Round:
+    """What one rebuild did: edges matched again, of these changed, of these accepted, and loop edges dropped."""
+
+    matched: int
+    changed: int
+    accepted: int
+    dropped: int
+    biased: list[BiasedEdge]
+
+    def page(self) -> dict[str, Any]:
+        """The same, fit for JSON."""
+        counts = {"matched": self.matched, "changed": self.changed, "accepted": self.accepted, "dropped": self.dropped}
+        return {**counts, "biased": [edge.page() for edge in self.biased]}
+
+
+class Rebuilder:
+    """Rebuilds a front end's graph, again and again; edges that came back unchanged are left alone (IGO IV-D)."""
+
+    def __init__(self, front_end: FrontEnd) -> None:
+        self._front_end = front_end
+        self._odometry = OdometryPass(front_end)
+        self._loops = LoopPass(front_end)
+        self._odometry_wanted: Bool = np.arange(front_end.state.count) > 0
+        self._loops_wanted: Bool = np.ones(len(front_end.state.loops), dtype=np.bool_)
+
+    def rebuild(self, loop_weights: Float, progress: Progress = no_progress) -> Round:
+        """One round, from the state's poses; ``loop_weights`` (k,): what the robust kernel left of each loop edge."""
+        state = self._front_end.state
+        optimized = state.node_pose[: state.count].copy()
+        odometry = self._odometry.run(self._odometry_wanted, progress)
+        biased = [
+            BiasedEdge(j - 1, j, False, state.odometry_edge[j].copy(), new.motion) for j, new in odometry.edges.items()
+        ]
+        if odometry.edges:
+            state.node_pose[: state.count] = odometry.poses
+            state.replace_odometry({j: (new.motion, new.covariance, new.drift) for j, new in odometry.edges.items()})
+        self._front_end.key_nodes.forget_grids()
+        loops = self._loops.run(self._loops_wanted, loop_weights, optimized, progress)
+        biased += self._biased_loops(loops.loops, loops.rows, loops.changed)
+        # Where all loops of before agree: from the rebuilt poses, the kernel would doubt every loop that has to close.
+        state.node_pose[: state.count] = optimized
+        dropped = len(state.loops) - len(loops.loops)
+        state.loops[:] = loops.loops
+        self._odometry_wanted = np.isin(np.arange(state.count), list(odometry.edges))
+        self._loops_wanted = loops.changed
+        moved = int(loops.changed.sum())
+        return Round(
+            matched=odometry.matched + loops.matched,
+            changed=odometry.changed + moved + dropped,
+            accepted=len(odometry.edges) + moved + dropped,
+            dropped=dropped,
+            biased=biased,
+        )
+
+    def _biased_loops(self, loops: list[LoopEdge], rows: list[int], changed: Bool) -> list[BiasedEdge]:
+        old = self._front_end.state.loops
+        found = [
+            BiasedEdge(new.anchor, new.node, True, old[row].T_anchor_node, new.T_anchor_node)
+            for new, row, differs in zip(loops, rows, changed, strict=True)
+            if differs
+        ]
+        gone = sorted(set(range(len(old))) - set(rows))
+        return found + [BiasedEdge(old[r].anchor, old[r].node, True, old[r].T_anchor_node, None) for r in gone]
