@@ -46,6 +46,15 @@ class Measured:
         return np.asarray(self.open_axes.any(axis=1))
 
 
+@dataclass(frozen=True)
+class NewEdge:
+    """A measurement (3,) that replaces an odometry edge's, with its covariance and the part that adds up (3, 3)."""
+
+    motion: Float
+    covariance: Float
+    drift: Float
+
+
 class Observer:
     """Says which axes a match leaves open: those along which what it knows could be noise."""
 
@@ -82,3 +91,16 @@ def turned(vector: Float, angle: float) -> Float:
     """A vector (2,) turned by an angle."""
     cos, sin = np.cos(angle), np.sin(angle)
     return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
+
+
+def without_gaps(marked: Bool) -> Bool:
+    """Marks also a lone edge between two that are marked: a few beams may look like a wall for once."""
+    filled = marked.copy()
+    filled[1:-1] |= marked[:-2] & marked[2:]
+    return filled
+
+
+def runs(marked: Bool) -> list[tuple[int, int]]:
+    """The stretches of True: the first row of each, and the row after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
+    return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]

@@ -11,9 +11,10 @@ from mapmend.front_end.edge_covariance import edge_covariance
 from mapmend.front_end.motion import odometry_covariance, odometry_std
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
-from mapmend.igo.observed import Bool, Float, Measured, Observer, turned
+from mapmend.igo.observed import Bool, Float, Measured, NewEdge, Observer, runs, turned
 from mapmend.igo.steady import SteadyMotion, steady_motion, usual_change
 from mapmend.igo.trail import TrailGrid
+from mapmend.igo.wheels import Slips
 from mapmend.matching.gauss_newton import UNSEEN_STD_M, Match, round_prior
 from mapmend.parallel import Progress, no_progress
 
@@ -39,15 +40,7 @@ MOST_GUESSES = 40
 
 
 Spread = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class NewEdge:
-    """A measurement (3,) that replaces an odometry edge's, with its covariance and the part that adds up (3, 3)."""
-
-    motion: Float
-    covariance: Float
-    drift: Float
+Poses = tuple[Float, Float]
 
 
 @dataclass(frozen=True)
@@ -74,6 +67,7 @@ class OdometryPass:
         self._steady: SteadyMotion | None = None
         self._change = np.zeros(3)
         self._usual_score = 1.0
+        self._slips = Slips(front_end.state, front_end.config)
         self._scatter = np.zeros(front_end.state.count)
 
     def run(self, wanted: Bool, progress: Progress = no_progress) -> OdometryResult:
@@ -92,7 +86,7 @@ class OdometryPass:
             poses[j] = se2.compose(poses[j - 1], step)
             if j % 100 == 99 or j == n - 1:
                 progress("rebuilding", j + 1, n)
-        edges = self._new_edges(wanted, accepted)
+        edges = self._new_edges(wanted, accepted, optimized)
         for j in range(1, n):
             step = edges[j].motion if j in edges else se2.between(optimized[j - 1], optimized[j])
             poses[j] = se2.compose(poses[j - 1], step)
@@ -119,22 +113,25 @@ class OdometryPass:
         m.covariances[j], m.scores[j] = match.covariance(), match.score
         if self._is_by_laser_alone and m.is_open[max(1, j - AFTER_OPEN) : j + 1].any():
             return self._steady_step(j), True, False
-        differs = self._is_biased(j, found)
-        accepted = differs and not axis.any() and self._is_better(grid, points, match, old, guess)
+        differs = self._differs(j, found)
+        accepted = differs and not axis.any() and self._is_accepted(j, grid, points, match, (old, guess))
         return (found if accepted else step), differs, accepted
 
-    def _is_biased(self, j: int, found: Float) -> bool:
-        """Whether a re-match differs from the edge by more than edges of this log, and near here, scatter.
+    def _differs(self, j: int, found: Float) -> bool:
+        """Whether a re-match differs from the edge; notes by how much, in squared standard deviations of the edge."""
+        off = se2.between(self._state.odometry_edge[j], found)
+        self._scatter[j] = float(off @ np.linalg.solve(self._state.odometry_covariance[j], off))
+        return not is_same(self._state.odometry_edge[j], found)
+
+    def _is_beyond_scatter(self, j: int) -> bool:
+        """Whether edge j came back farther off than edges of this log, and near here, do.
 
         Among leaves, matches of one scan on two grids differ by more than they say. The usual squared Mahalanobis
         distance of the last edges is the measure.
         """
-        off = se2.between(self._state.odometry_edge[j], found)
-        distance = float(off @ np.linalg.solve(self._state.odometry_covariance[j], off))
-        self._scatter[j] = distance
         before = self._scatter[max(1, j - SCATTER_OVER) : j + 1]
         usual = max(float(np.median(before)) / MEDIAN_CHI2, 1.0)
-        return distance > FAR_CHI2 * usual and not is_same(self._state.odometry_edge[j], found)
+        return bool(self._scatter[j] > FAR_CHI2 * usual)
 
     @property
     def _is_by_laser_alone(self) -> bool:
@@ -168,16 +165,24 @@ class OdometryPass:
         self._usual_score += USUAL_SHARE * (best.score - self._usual_score)
         return best
 
-    def _is_better(self, grid: SurfaceGrid, points: Float, match: Match, old: Float, guess: Float) -> bool:
-        """Whether a match that differs from the old edge replaces it: by score, where scores tie by the optimizer."""
+    def _is_accepted(self, j: int, grid: SurfaceGrid, points: Float, match: Match, poses: Poses) -> bool:
+        """Whether a match replaces the edge that it differs from: by score, where scores tie by the optimizer.
+
+        ``poses``: where the edge and the optimizer put the node. A difference within what edges of this
+        log scatter is none, unless the score says otherwise by far.
+        """
+        old, guess = poses
         if match.score < self._config.match.min_score or len(points) == 0:
             return False
         score = self._matcher.judge(grid, points, old)[0] / len(points)
+        gain = match.score - score
         noise = score_noise(score, len(points))
-        if match.score > score + TIE * noise:
+        if gain > max(TIE * noise, DROP):
             return True
+        if not self._is_beyond_scatter(j):
+            return False
         nearer = np.hypot(*(match.pose - guess)[:2]) < 0.5 * np.hypot(*(old - guess)[:2])
-        return bool(match.score >= score - TIE * noise and nearer)
+        return bool(gain > TIE * noise or (gain >= -TIE * noise and nearer))
 
     def _steady_step(self, j: int) -> Float:
         """The motion of edge j at a steady speed: from the round before, or from what lies behind."""
@@ -189,12 +194,17 @@ class OdometryPass:
         rows = np.arange(max(1, j - LOOK_BACK), j + 1)
         return steady_motion(m.motions[rows], m.information[rows], seconds[rows], self._change).motions[-1]
 
-    def _new_edges(self, wanted: Bool, accepted: Bool) -> dict[int, NewEdge]:
+    def _new_edges(self, wanted: Bool, accepted: Bool, optimized: Float) -> dict[int, NewEdge]:
         """The edges to replace, with their covariances by IGO (2)."""
+        expected = self._expected_motions()
+        odometry = np.array([odometry_covariance(step, self._config.motion) for step in expected])
+        slipped: dict[int, NewEdge] = {}
         if self._is_by_laser_alone:
-            accepted = accepted | self._level_speeds(wanted)
-        odometry = self._motion_covariances()
-        return {int(j): self._new_edge(int(j), odometry[j]) for j in np.flatnonzero(accepted)}
+            accepted = accepted | self._level_speeds(wanted, odometry)
+        else:
+            slipped = self._slips.find(self._measured, expected, optimized, odometry)
+        matched = {int(j): self._new_edge(int(j), odometry[j]) for j in np.flatnonzero(accepted)}
+        return {**{j: new for j, new in slipped.items() if wanted[j]}, **matched}
 
     def _new_edge(self, j: int, odometry: Float) -> NewEdge:
         m = self._measured
@@ -206,9 +216,12 @@ class OdometryPass:
             both = opened(both, m.open_axes[j])
         return NewEdge(motion, *edge_covariance(both, odometry, m.scores[j], self._config.match.min_score))
 
-    def _level_speeds(self, wanted: Bool) -> Bool:
-        """Gives the open edges a steady speed, from both ends of each stretch; which edges that changes."""
-        m, state, n = self._measured, self._state, self._state.count
+    def _level_speeds(self, wanted: Bool, odometry: Float) -> Bool:
+        """Gives the open edges a steady speed, from both ends of each stretch; which edges that changes.
+
+        ``odometry`` (n, 3, 3): Sigma_odo; written where the speed says more.
+        """
+        m, n = self._measured, self._state.count
         if not m.is_open.any():
             return np.zeros(n, dtype=np.bool_)
         self._change = usual_change(m.motions[1:], m.information[1:], self._seconds[1:])
@@ -218,22 +231,18 @@ class OdometryPass:
             along = turned(m.open_axes[j], m.motions[j, 2])
             m.motions[j, :2] += along * float(along @ (self._steady.motions[j - 1, :2] - m.motions[j, :2]))
             after[j : j + AFTER_OPEN + 1] = True
-        for j in np.flatnonzero(after & wanted):
-            off = se2.between(state.odometry_edge[j], m.motions[j])
-            after[j] = max(np.hypot(off[0], off[1]), abs(off[2])) > SAME_OPEN
-        return after & wanted
-
-    def _motion_covariances(self) -> Float:
-        """Sigma_odo of every edge, (n, 3, 3); along open stretches without odometry, what its speed leaves of each."""
-        m, motion = self._measured, self._config.motion
-        own = np.array([odometry_covariance(step, motion) for step in self._expected_motions()])
-        if self._steady is None:
-            return own
         for first, end in runs(m.is_open):
-            of_stretch = self._steady.covariance_of_sum(first - 1, end - 1)
             share = self._seconds[first:end] / self._seconds[first:end].sum()
-            own[first:end] = share[:, None, None] * of_stretch
-        return own
+            odometry[first:end] = share[:, None, None] * self._steady.covariance_of_sum(first - 1, end - 1)
+        return self._unlike_before(after & wanted)
+
+    def _unlike_before(self, rows: Bool) -> Bool:
+        """Which of the edges have another measurement than in the graph."""
+        unlike = rows.copy()
+        for j in np.flatnonzero(rows):
+            off = se2.between(self._state.odometry_edge[j], self._measured.motions[j])
+            unlike[j] = max(np.hypot(off[0], off[1]), abs(off[2])) > SAME_OPEN
+        return unlike
 
     def _expected_motions(self) -> Float:
         if self._is_by_laser_alone:
@@ -274,9 +283,3 @@ def opened(covariance: Float, axis: Float) -> Float:
     wide = covariance.copy()
     wide[:2, :2] += UNSEEN_STD_M**2 * np.outer(axis, axis)
     return wide
-
-
-def runs(marked: Bool) -> list[tuple[int, int]]:
-    """The stretches of True: the first row of each, and the row after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
-    return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]

@@ -1,0 +1,70 @@
+"""How much do false loop edges that were added before the iteration harm `igo`? By count and seed, on a recording.
+
+The front end maps the log once. Then, for every count and seed, false loops (`evaluation/corruption.py`, between nodes
+drawn at random, with the information of true ones) are put into its graph, and the iteration starts.
+"""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+from _measure import data_parser, log_path, markdown, relations_path
+
+from mapmend.config import Config
+from mapmend.evaluation.corruption import FALSE_LOOP_KINDS, add_false_loops
+from mapmend.evaluation.relations import relation_errors
+from mapmend.front_end.builder import FrontEnd
+from mapmend.front_end.state import LoopEdge
+from mapmend.igo.iterate import iterate
+from mapmend.io.relations import Relations, read_relations
+from mapmend.slam import read_log
+
+COUNTS = (0, 1, 5, 20)
+HEAD = ("false loops", "kind", "seeds", "median [m]", "worst [m]", "in seed", "over clean", "left of the false ones")
+
+
+def main() -> None:
+    parser = data_parser(__doc__)
+    parser.add_argument("--log", default="intel", help="the recording (default: intel)")
+    parser.add_argument("--seeds", type=int, default=10, metavar="N", help="seeds a count (default: 10)")
+    parser.add_argument(
+        "--kind", default="random", choices=FALSE_LOOP_KINDS, help="which false loops (default: random)"
+    )
+    options = parser.parse_args()
+    front_end = FrontEnd(read_log(log_path(options.data, options.log)), Config())
+    front_end.run()
+    relations = read_relations(relations_path(options.data, options.log))
+    clean = 0.0
+    rows = []
+    for count in COUNTS:
+        seeds = range(options.seeds if count else 1)
+        measured = [spoiled(front_end, relations, options.kind, count, seed) for seed in seeds]
+        errors = np.array([error for error, _ in measured])
+        clean = clean or float(errors[0])
+        worst = int(np.argmax(errors))
+        left = sum(far for _, far in measured)
+        cells = (f"{np.median(errors):.4f}", f"{errors[worst]:.4f}", str(worst), f"{errors[worst] / clean:.2f}")
+        rows.append((str(count), options.kind, str(len(seeds)), *cells, f"{left} of {count * len(seeds)}"))
+    print(markdown(HEAD, rows))
+
+
+def spoiled(front_end: FrontEnd, relations: Relations, kind: str, count: int, seed: int) -> tuple[float, int]:
+    """The error over relations after the iteration, and how many of the false loops are still what they were."""
+    mapped = copy.deepcopy(front_end)
+    corrupted = add_false_loops(mapped.state.pose_graph(), kind, count, seed)
+    graph = corrupted.graph
+    false = [
+        LoopEdge(int(graph.edges[row, 0]), int(graph.edges[row, 1]), graph.measurements[row], graph.information[row])
+        for row in np.flatnonzero(corrupted.is_false)
+    ]
+    mapped.state.loops += false
+    iterate(mapped)
+    poses, stamps = mapped.state.scan_poses(), mapped.log.stamps_s
+    errors = relation_errors(stamps, poses, relations.t1_s, relations.t2_s, relations.relative_poses)
+    kept = {id(edge) for edge in mapped.state.loops}
+    return errors.translation_mean_m, sum(id(edge) in kept for edge in false)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""What a log shows of its wheels: how right they are where walls tell, and where they must have slipped.
+
+Along a bare corridor the odometry alone says how far the robot went. Wheels that slip report motion that did not
+happen, never too little: where a closed loop wants a stretch to be shorter than reported, by more than these wheels
+err elsewhere, they slipped there, and the optimizer's pose is the better guess. A stretch that the loop wants longer is
+good, and its edges return to what was reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapmend.config import Config
+from mapmend.front_end.state import GraphState
+from mapmend.geometry import se2
+from mapmend.igo.observed import Float, Measured, NewEdge, runs, turned, without_gaps
+
+# Steps shorter than this say little of the wheels.
+SHORTEST_STEP_M = 0.1
+# With fewer steps nothing is learnt.
+FEWEST_STEPS = 20
+# Standard deviation of a normal distribution over the median of its absolute values.
+STD_PER_MEDIAN = 1.4826
+# Open stretches shorter than this are left alone.
+SHORTEST_STRETCH_M = 1.0
+# A motion that changes by less is the same.
+SAME_M = 0.002
+# Shorter by so many standard deviations is slip.
+SLIPPED = 3.0
+
+
+@dataclass(frozen=True)
+class Wheels:
+    """``scale_off``: how far true over reported motion is from 1. ``std_after_1_m``: of a random walk about it."""
+
+    scale_off: float
+    std_after_1_m: float
+
+    def stretch_std_m(self, length_m: float) -> float:
+        """How far off what the wheels report of a stretch usually is, where they did not slip."""
+        return float(np.hypot(self.std_after_1_m * np.sqrt(length_m), self.scale_off * length_m))
+
+    def have_slipped(self, reported_m: float, optimized_m: float) -> bool:
+        """Whether a stretch came out shorter than the wheels, but for their usual errors, can have reported it."""
+        return reported_m - optimized_m > SLIPPED * self.stretch_std_m(reported_m)
+
+
+def learn_wheels(found_m: Float, reported_m: Float) -> Wheels | None:
+    """The wheels' errors from steps that matches know, ``found_m`` and ``reported_m`` (n,); None for too few.
+
+    Medians: a slip that was seen is no usual error.
+    """
+    told = np.abs(reported_m) > SHORTEST_STEP_M
+    if told.sum() < FEWEST_STEPS:
+        return None
+    found, reported = found_m[told], reported_m[told]
+    scale = float(np.median(found / reported))
+    walk = (found - scale * reported) / np.sqrt(np.abs(reported))
+    return Wheels(abs(scale - 1.0), STD_PER_MEDIAN * float(np.median(np.abs(walk))))
+
+
+class Slips:
+    """Finds the open stretches on which the wheels slipped, round after round."""
+
+    def __init__(self, state: GraphState, config: Config) -> None:
+        self._state = state
+        self._config = config
+        self._first: dict[int, NewEdge] = {}
+
+    def find(self, measured: Measured, reported: Float, optimized: Float, odometry: Float) -> dict[int, NewEdge]:
+        """Edges of stretches with slip, at the optimizer's length and as open along it as in doubt; others stay.
+
+        ``reported`` (n, 3): what the odometry says of every edge; ``optimized`` (n, 3): the poses; ``odometry``
+        (n, 3, 3): Sigma_odo.
+        """
+        told = ~measured.is_open & (measured.scores >= self._config.match.min_score)
+        wheels = learn_wheels(measured.motions[told, 0], reported[told, 0])
+        found: dict[int, NewEdge] = {}
+        if wheels is None:
+            return found
+        steps = np.concatenate((np.zeros((1, 3)), se2.between(optimized[:-1], optimized[1:])))
+        for first, end in runs(without_gaps(measured.is_open)):
+            rows = [j for j in range(first, end) if measured.open_axes[j].any()]
+            axes = np.array([turned(measured.open_axes[j], self._state.odometry_edge[j, 2]) for j in rows])
+            axes[np.einsum("ni,ni->n", axes, reported[rows, :2]) < 0.0] *= -1.0
+            length, optimum = (np.einsum("ni,ni->n", axes, motions[rows, :2]) for motions in (reported, steps))
+            if length.sum() >= SHORTEST_STRETCH_M and wheels.have_slipped(float(length.sum()), float(optimum.sum())):
+                for j, axis, way in zip(rows, axes, optimum, strict=True):
+                    found |= self._moved(j, axis, float(way), measured.open_axes[j], odometry[j])
+        return found
+
+    def _moved(self, j: int, along: Float, way: float, axis: Float, odometry: Float) -> dict[int, NewEdge]:
+        """Edge j with another ``way`` along its open axis, (2,) in the frames of its first and of its last node."""
+        state = self._state
+        old = state.odometry_edge[j]
+        change = way - float(along @ old[:2])
+        if abs(change) < SAME_M:
+            return {}
+        motion = old.copy()
+        motion[:2] += along * change
+        first = self._first.setdefault(
+            j, NewEdge(old.copy(), state.odometry_covariance[j].copy(), state.odometry_drift[j].copy())
+        )
+        wide = np.zeros((3, 3))
+        wide[:2, :2] = (
+            self._config.motion.doubt_spread**2 * float(axis @ odometry[:2, :2] @ axis) * np.outer(axis, axis)
+        )
+        return {j: NewEdge(motion, first.covariance + wide, first.drift + wide)}
