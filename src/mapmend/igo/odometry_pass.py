@@ -264,6 +264,8 @@ def edge_seconds(front_end: FrontEnd) -> Float:
 def between(first: Float, last: Float, every_m: float) -> list[Float]:
     """Poses (3,) every so many metres from the last to the first, the last aside; none where the two are near."""
     count = min(int(np.hypot(*(last - first)[:2]) / every_m), MOST_GUESSES)
+    if count == 0:
+        return []
     return [se2.interpolate(first, last, share) for share in np.linspace(1.0, 0.0, count + 1)[1:]]
 
 

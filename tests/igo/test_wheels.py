@@ -1,0 +1,35 @@
+"""What a log shows of its wheels, and slip that a closed loop shows."""
+
+import numpy as np
+
+from mapmend.commands.demo import ODOMETRY
+from mapmend.config import Config
+from mapmend.front_end.builder import FrontEnd
+from mapmend.igo.iterate import iterate
+from mapmend.igo.wheels import learn_wheels
+from mapmend.simulation import corridor_loop, simulate
+from tests.front_end.logs import errors_of
+
+
+def test_wheels_are_as_right_as_they_are_but_for_slip():
+    rng = np.random.default_rng(0)
+    true = np.full(200, 0.3)
+    reported = true / 1.02 + 0.02 * np.sqrt(0.3) * rng.standard_normal(200)
+    reported[50:60] *= 1.6
+    wheels = learn_wheels(true, reported)
+    assert abs(wheels.scale_off - 0.02) < 0.005
+    assert abs(wheels.std_after_1_m - 0.02) < 0.005
+    assert wheels.have_slipped(10.0, 9.0)
+    assert not wheels.have_slipped(10.0, 9.8)
+    assert not wheels.have_slipped(10.0, 11.0)
+    assert learn_wheels(true[:5], reported[:5]) is None
+
+
+def test_the_corridor_where_wheels_slipped_takes_the_loops_error():
+    """Wheels report too much and never too little: of two opposite corridors, the one that is too long is wrong."""
+    simulation = simulate(corridor_loop(), odometry=ODOMETRY, seed=2)
+    front_end = FrontEnd(simulation.log, Config())
+    front_end.run()
+    go = errors_of(simulation, front_end.state.scan_poses()).translation_rmse_m
+    iterate(front_end)
+    assert errors_of(simulation, front_end.state.scan_poses()).translation_rmse_m < 0.6 * go
