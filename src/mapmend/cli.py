@@ -27,6 +27,7 @@ METHODS = ("go", "igo", "scanmatch", "odometry", "gmapping")
 COMPARED = ("odometry", "scanmatch", "gmapping", "go", "igo")
 KERNELS = ("none", "huber", "cauchy", "geman-mcclure", "dcs", "switchable", "max-mixture", "gnc")
 STARTS = ("given", "odometry", "tree", "chordal")
+FORMATS = ("carmen", "mcap", "sqlite3", "g2o", "toro", "tum", "kitti")
 WORLDS = ("corridor", "office", "random")
 
 
@@ -89,6 +90,7 @@ def parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_tune(commands)
     _add_eval(commands)
+    _add_convert(commands)
     _add_simulate(commands)
     return top
 
@@ -282,6 +284,23 @@ def _add_simulate(commands: Commands) -> None:
     command.add_argument("--range-noise", type=_positive, default=0.01, metavar="M", help="m, 1 sigma (default: 0.01)")
     command.add_argument("--max-range", type=_positive, default=8.0, metavar="M", help="the laser's, m (default: 8)")
     command.add_argument("--scans", type=_whole, metavar="N", help="end after N scans (default: the whole route)")
+
+
+def _add_convert(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "convert",
+        "convert",
+        "write a log, graph or trajectory in another format",
+        "CARMEN and ROS 2 bags hold logs, g2o and TORO graphs, TUM and KITTI trajectories. Says what is lost; refuses "
+        "what makes no sense, with the reason.",
+    )
+    command.add_argument("source", metavar="IN", help="a log, ROS bag, graph or trajectory, or a RUN folder")
+    command.add_argument("target", metavar="OUT", help="what to write: .clf .log .mcap .g2o .toro .graph .tum .kitti")
+    command.add_argument("--to", choices=FORMATS, help="the format, where OUT's name does not tell (a folder: a bag)")
+    command.add_argument("--stamps", metavar="FILE", help="a time in seconds a line, for poses that have none")
+    _add_bag(command)
+    _add_lenient(command)
 
 
 def _add_lenient(command: argparse.ArgumentParser) -> None:

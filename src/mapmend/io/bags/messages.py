@@ -87,7 +87,7 @@ class Wire:
     def header(self, raw: bytes, at: int) -> tuple[int, str, int]:
         """Stamp (ns), frame, and where the header ends."""
         at = self._align(at, 4) + 4 * self.has_sequence
-        seconds, nanoseconds = struct.unpack_from(self.order + "II", raw, at)
+        seconds, nanoseconds = struct.unpack_from(self.order + ("II" if self.has_sequence else "iI"), raw, at)
         frame, at = self.string(raw, at + 8)
         return seconds * NANOSECONDS + nanoseconds, frame.removeprefix("/"), at
 
