@@ -91,6 +91,7 @@ def parser() -> argparse.ArgumentParser:
     _add_tune(commands)
     _add_eval(commands)
     _add_convert(commands)
+    _add_datasets(commands)
     _add_simulate(commands)
     return top
 
@@ -301,6 +302,19 @@ def _add_convert(commands: Commands) -> None:
     command.add_argument("--stamps", metavar="FILE", help="a time in seconds a line, for poses that have none")
     _add_bag(command)
     _add_lenient(command)
+
+
+def _add_datasets(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "datasets",
+        "datasets",
+        "list public logs, or fetch them by name",
+        "A fetched log is read by its name: mapmend map intel -o RUN.",
+    )
+    command.add_argument("action", choices=("list", "fetch"), nargs="?", default="list", help="default: list")
+    command.add_argument("names", metavar="NAME", nargs="*", help="what to fetch")
+    command.add_argument("--mirror", metavar="URL", help="fetch from here, where the files lie by their names")
 
 
 def _add_lenient(command: argparse.ArgumentParser) -> None:

@@ -1,0 +1,57 @@
+"""The user's cache: where fetched files lie, and the way from a name to one of them. Needs nothing but Python."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from pathlib import Path
+
+from mapmend.datasets import registry
+from mapmend.datasets.registry import RemoteFile, find_file
+from mapmend.errors import InputError
+
+CACHE_VARIABLE = "MAPMEND_CACHE"
+
+
+def cache_folder() -> Path:
+    """Where fetched files lie: the folder that MAPMEND_CACHE names, else the user's cache of the system."""
+    named = os.environ.get(CACHE_VARIABLE)
+    if named:
+        return Path(named)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "mapmend"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "mapmend" / "Cache"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mapmend"
+
+
+def is_fetched(file: RemoteFile) -> bool:
+    """Whether the file lies in the cache, whole and as it should be."""
+    path = cache_folder() / file.name
+    try:
+        return path.is_file() and sha256_of(path) == file.sha256
+    except OSError:
+        return False
+
+
+def sha256_of(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def fetched_path(name: str | Path) -> Path | None:
+    """The fetched file that a name stands for; None for a name that is not a public log's.
+
+    Raises InputError for one that has not been fetched, or that is damaged.
+    """
+    file = find_file(str(name))
+    if file is None:
+        return None
+    dataset = next(dataset.name for dataset in registry.DATASETS if file in dataset.files)
+    mend = f"fetch it with: mapmend datasets fetch {dataset}"
+    if not (cache_folder() / file.name).is_file():
+        raise InputError(name, "no such file; of the public logs, it is one that has not been fetched", mend)
+    if not is_fetched(file):
+        raise InputError(cache_folder() / file.name, "is not the file that it should be", mend)
+    return cache_folder() / file.name
