@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from mapmend.errors import MapmendError
 
 Float = NDArray[np.float64]
+
+_BLOCK = 1 << 20  # readings
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,15 @@ class Scans:
     def ranges_of(self, k: int) -> NDArray[np.float32]:
         """The readings of scan k, shape (beams,), a view."""
         return self.ranges_m[self.offsets[k] : self.offsets[k + 1]]
+
+    def replace_ranges_of(self, k: int, ranges_m: NDArray[np.float32]) -> None:
+        """Puts other readings in the place of scan k's, as many."""
+        self.ranges_of(k)[:] = ranges_m
+
+    def blocks(self) -> Iterator[NDArray[np.float32]]:
+        """All readings, some megabytes at a time."""
+        for begin in range(0, len(self.ranges_m), _BLOCK):
+            yield self.ranges_m[begin : begin + _BLOCK]
 
     def geometry_of(self, k: int) -> LaserGeometry:
         return self.geometries[self.geometry_index[k]]

@@ -230,8 +230,7 @@ def check_log(log: ScanLog, config: Config) -> None:
     if len(log) < 2:
         raise InputError(source, f"holds {len(log)} scan{'s' * (len(log) != 1)}", "a map takes at least two")
     nearest, farthest = config.scan.min_range_m, config.scan.max_range_m
-    ranges = log.scans.ranges_m
-    if not bool(np.any((ranges >= nearest) & (ranges <= farthest))):
+    if not any(bool(np.any((ranges >= nearest) & (ranges <= farthest))) for ranges in log.scans.blocks()):
         what = f"no scan has a return between {nearest:g} m and {farthest:g} m"
         raise InputError(source, what, "name a log that sees something, or set scan.max_range_m")
     if config.motion.use_odometry and not log.odometry_moves:

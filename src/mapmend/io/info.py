@@ -214,12 +214,15 @@ def _laser(geometry: LaserGeometry, scans: int) -> dict[str, Any]:
 
 
 def _range_facts(scans: Scans) -> dict[str, Any]:
-    total = max(len(scans.ranges_m), 1)
-    seen = scans.ranges_m[np.isfinite(scans.ranges_m)]
+    total, none, unusable, longest = max(len(scans.ranges_m), 1), 0, 0, 0.0
+    for ranges in scans.blocks():
+        none += int(np.count_nonzero(np.isinf(ranges)))
+        unusable += int(np.count_nonzero(np.isnan(ranges)))
+        longest = max(longest, float(ranges[np.isfinite(ranges)].max(initial=0.0)))
     return {
-        "no_return_share": float(np.count_nonzero(np.isinf(scans.ranges_m)) / total),
-        "unusable_share": float(np.count_nonzero(np.isnan(scans.ranges_m)) / total),
-        "longest_reading_m": float(seen.max()) if len(seen) else None,
+        "no_return_share": float(none / total),
+        "unusable_share": float(unusable / total),
+        "longest_reading_m": longest or None,
     }
 
 

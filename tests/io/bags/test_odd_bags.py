@@ -1,15 +1,21 @@
 """Bags as people have them: without odometry, with two lasers, without a frame, cut off: a line, or a map and notes."""
 
+import contextlib
 import json
 import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mapmend.errors import InputError, MapmendError
+from mapmend.io.bags import readings
+from mapmend.io.bags.messages import BadMessageError, laser_message, odometry_message, transform_messages
 from mapmend.io.bags.options import BagOptions
 from mapmend.io.bags.read import read_bag
-from mapmend.io.info import describe
+from mapmend.io.info import describe, describe_content
+from mapmend.slam import build_map
 from tests.io.bags.writing import KINDS, BagWriter, Layout, write_bag_of
 
 
@@ -133,14 +139,99 @@ def test_options_of_bags_are_refused_for_other_files(tmp_path, log_path, mapmend
     assert "is no ROS bag" in answer.complaint
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_bag_cut_off_in_the_middle_is_said_in_one_line_or_read_up_to_there(tmp_path, log, kind, mapmend):
-    path = write_bag_of(tmp_path / "drive", kind, log)
+def cut(path, share):
+    """Leaves the first part of a bag's file."""
     file = next(f for f in path.iterdir() if f.suffix != ".yaml") if path.is_dir() else path
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("share", [0.5, 0.99])
+def test_a_bag_cut_off_is_read_up_to_there(tmp_path, log, kind, share):
+    path = write_bag_of(tmp_path / "drive", kind, log)
+    cut(path, share)
+    salvaged = read_bag(path)
+    assert 0.8 * share * len(log) < len(salvaged) <= len(log)
+    assert "damaged" in str(salvaged.notes[0])
+    rows = np.searchsorted(log.stamps_s, salvaged.stamps_s)  # a database may lose some of the last page
+    assert np.array_equal(rows[:40], np.arange(40))
+    assert np.array_equal(salvaged.stamps_s, log.stamps_s[rows])
+    assert np.array_equal(salvaged.scans.ranges_m, log.scans.select(rows).ranges_m, equal_nan=True)
+    assert salvaged.odometry == pytest.approx(log.odometry[rows], abs=1e-12)
+
+
+def test_a_bag_cut_off_is_mapped_with_a_warning(tmp_path, log, mapmend):
+    path = write_bag_of(tmp_path / "drive", "mcap", log)
+    cut(path, 0.6)
     answer = mapmend("map", path, "-o", tmp_path / "run")
-    if answer.code:
-        assert answer.code == 2
-        assert str(path) in answer.complaint
-    else:
-        assert "note: " in answer.err
+    assert answer.code == 0
+    assert "note: the bag is cut off or damaged" in answer.err
+    assert "cut off or damaged" in mapmend("info", path).out
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_of_which_nothing_is_left_is_one_line(tmp_path, log, kind, mapmend):
+    path = write_bag_of(tmp_path / "drive", kind, log)
+    cut(path, 0.002)
+    answer = mapmend("map", path, "-o", tmp_path / "run")
+    assert answer.code == 2
+    assert str(path) in answer.complaint
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_a_folder_whose_recorder_did_not_end_is_read(tmp_path, log, kind):
+    path = write_bag_of(tmp_path / "drive", kind, log)
+    (path / "metadata.yaml").unlink()
+    assert len(read_bag(path)) == len(log)
+
+
+@pytest.mark.parametrize("packing", ["bz2", "lz4", "zstd"])
+def test_packed_bags_are_read_whole_and_cut(tmp_path, log, packing):
+    path, noise = tmp_path / "drive", np.random.default_rng(0).random(8_000)
+    with BagWriter(path, "mcap" if packing == "zstd" else "ros1", packing=packing) as bag:
+        for k in range(len(log)):
+            scan = bag.scan(k * 10**8, "laser", log.scans.ranges_of(k), -1.5, 0.01, range_max=8.0)
+            bag.write("/scan", scan, k * 10**8)
+            bag.write("/noise", bag.scan(0, "x", noise + k, 0, 0.1, range_max=8.0), 0)
+    chosen = BagOptions(scan_topic="/scan")
+    assert np.array_equal(read_bag(path, chosen).scans.ranges_m, log.scans.ranges_m, equal_nan=True)
+    cut(path, 0.7)
+    assert 0.4 * len(log) < len(read_bag(path, chosen)) < 0.8 * len(log)
+
+
+def test_a_message_of_another_kind_than_it_says_is_refused_or_left_out(tmp_path):
+    with BagWriter(tmp_path / "a.mcap", "bare mcap") as bag:
+        for k in range(4):
+            bag.write("/scan", small_scan(bag, k * 10**8), k * 10**8)
+        bag.writer.write(bag.connections["/scan"], 10**9, b"\0\1\0\0short")
+    with pytest.raises(InputError, match="a message on /scan can't be read: a LaserScan is cut short"):
+        read_bag(tmp_path / "a.mcap")
+    lenient = read_bag(tmp_path / "a.mcap", lenient=True)
+    assert len(lenient) == 4
+    assert "message left out" in str(lenient.notes[0])
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_message_or_said_not_to_be(raw):
+    for ros1 in (False, True):
+        for decode in (laser_message, odometry_message, transform_messages):
+            with contextlib.suppress(BadMessageError):
+                decode(raw, ros1)
+
+
+@pytest.mark.parametrize("layout", [Layout(), Layout(upside_down=True)], ids=["upright", "upside down"])
+def test_readings_on_disk_are_those_in_memory(tmp_path, log, monkeypatch, layout):
+    path = write_bag_of(tmp_path / "drive", "mcap", log, layout)
+    in_memory = read_bag(path)
+    monkeypatch.setattr(readings, "MOST_IN_MEMORY", 1000)
+    on_disk = read_bag(path)
+    assert isinstance(on_disk.scans, readings.StoredScans)
+    assert np.array_equal(on_disk.scans.ranges_m, in_memory.scans.ranges_m, equal_nan=True)
+    for k in (0, 50, 119):
+        assert np.array_equal(on_disk.scans.ranges_of(k), in_memory.scans.ranges_of(k), equal_nan=True)
+    few = np.array([3, 1, 100])
+    assert np.array_equal(on_disk.scans.select(few).ranges_m, in_memory.scans.select(few).ranges_m, equal_nan=True)
+    assert describe_content(on_disk).facts == describe_content(in_memory).facts
+    one, other = build_map(on_disk), build_map(in_memory)
+    assert np.array_equal(one.trajectory.poses, other.trajectory.poses)
+    assert np.array_equal(one.occupancy.image, other.occupancy.image)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -17,7 +17,7 @@ SCAN, ODOMETRY, TF = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_
 class BagWriter:
     """Writes messages into one bag; ``kind`` is one of KINDS. Times of recording rise whatever the stamps do."""
 
-    def __init__(self, path: Path, kind: str):
+    def __init__(self, path: Path, kind: str, packing: str | None = None):
         self.ros1 = kind == "ros1"
         self.store = get_typestore(Stores.ROS1_NOETIC if self.ros1 else Stores.ROS2_HUMBLE)
         if self.ros1:
@@ -26,6 +26,10 @@ class BagWriter:
         folder = path.with_name(path.name + ".folder") if self.bare else path
         plugin = StoragePlugin.SQLITE3 if kind == "sqlite3" else StoragePlugin.MCAP
         self.writer = Writer1(path) if self.ros1 else Writer2(folder, version=9, storage_plugin=plugin)
+        if packing == "zstd":
+            self.writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        elif packing:
+            self.writer.set_compression(Writer1.CompressionFormat[packing.upper()])
         self.path, self.folder, self.connections, self.now = path, folder, {}, 0
 
     def __enter__(self):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mapmend.errors import InputError, MapmendError
+from mapmend.io.bags.salvage import salvage, walk_mcap, walk_ros1, walk_sqlite
 from mapmend.scan import Note
 
 ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
@@ -85,11 +86,15 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
     kind = bag_kind(path)
     if kind is None:
         raise InputError(path, "is no ROS bag", "name a .bag, a .mcap or a ROS 2 bag's folder")
+    if kind == FOLDER and not (Path(path) / METADATA).is_file():
+        yield _salvaged(Path(path), kind, f"it holds no {METADATA}")
+        return
     reader = _reader(Path(path), kind)
     try:
         reader.open()
     except Exception as error:  # rosbags' own errors, and what else a damaged file makes of it
-        raise InputError(path, f"is a {kind} that can't be opened: {reason(error)}", _mend(kind)) from None
+        yield _salvaged(Path(path), kind, reason(error))
+        return
     try:
         yield Bag(Path(path), kind, _topics(reader.connections), _stream(reader))
     finally:
@@ -109,15 +114,26 @@ def _reader(path: Path, kind: str) -> Any:
     except ModuleNotFoundError as error:
         package = str(error.name).split(".", 1)[0]
         raise MapmendError(f"{path}: is a {kind}, and {package} is not installed; {EXTRA}") from None
-    try:
-        return {FOLDER: DirectoryReader, MCAP: McapReader, SQLITE: Sqlite3Reader}[kind](path)
-    except FileNotFoundError:
-        what = f"holds no {METADATA}: its recorder did not end"
-        raise InputError(path, what, "run ros2 bag reindex on it, or name the .mcap file in it") from None
+    return {FOLDER: DirectoryReader, MCAP: McapReader, SQLITE: Sqlite3Reader}[kind](path)
 
 
-def _mend(kind: str) -> str:
-    return "run rosbag reindex on it" if kind == ROS1 else "copy or record it again"
+def _salvaged(path: Path, kind: str, why: str) -> Bag:
+    """What can be read of a bag that can't be opened, with a note; raises InputError where that is nothing."""
+    files = storage_files(path) if kind == FOLDER else [path]
+    kinds = {bag_kind(file) for file in files}
+    found = None
+    if len(kinds) == 1 and (walk := _WALKS.get(str(kinds.pop()))):
+        found = salvage(files, walk)
+    if found is None or not found.counts:
+        mend = "run rosbag reindex on it" if kind == ROS1 else "copy or record it again"
+        raise InputError(path, f"is a {kind} that can't be opened: {why}", mend)
+    topics = {name: Topic(name, found.types[name], found.counts.get(name, 0)) for name in sorted(found.types)}
+    count = sum(found.counts.values())
+    note = Note(f"the bag is cut off or damaged ({why}); the {count} messages up to there are used")
+    return Bag(path, kind, topics, found.stream, [note])
+
+
+_WALKS = {ROS1: walk_ros1, MCAP: walk_mcap, SQLITE: walk_sqlite}
 
 
 def _topics(connections: Collection[Any]) -> dict[str, Topic]:

@@ -46,7 +46,8 @@ def deskewed(
     for k in np.flatnonzero(moved & (durations_s > 0.0)).tolist():
         which = int(scans.geometry_index[k])
         geometry, readings = scans.geometries[which], scans.ranges_of(k)
-        readings[:] = _straight(readings, bearings[which], geometry, motion[k], backwards[which])
+        straight = _straight(readings, bearings[which], geometry, motion[k], backwards[which])
+        scans.replace_ranges_of(k, straight)
     notes.append(Note("sweep de-skewed", int(np.count_nonzero(moved & (durations_s > 0.0)))))
     return scans
 

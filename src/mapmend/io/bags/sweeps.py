@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from mapmend.io.bags.frames import Mounting
 from mapmend.io.bags.messages import BadMessageError, LaserMessage
+from mapmend.io.bags.readings import Readings, as_scans
 from mapmend.io.no_return import no_return_limit_m
 from mapmend.scan import LaserGeometry, Note, Scans
 
 _QUARTER_DEGREE = np.pi / 720.0
 _LOOKED_AT = 1 << 22  # readings from which the value for "no return" is told
-_LEAST_ROOM = 1 << 16
 _FARTHEST_M = 1e4  # for a laser that names no greatest range
 
 
@@ -37,8 +37,7 @@ class Sweeps:
 
     def __init__(self, expected: int) -> None:
         self._expected = expected
-        self._room = np.empty(0, np.float32)
-        self._used = 0
+        self._readings = Readings()
         self._offsets = array("q", (0,))
         self._index = array("i")
         self._lasers: dict[Laser, int] = {}
@@ -68,28 +67,19 @@ class Sweeps:
         if key not in self._lasers:
             _check_angles(key)
             self._lasers[key] = len(self._lasers)
-        self._make_room(count)
-        readings = self._room[self._used : self._used + count]
-        readings[:] = message.ranges_m
+            if len(self._lasers) == 1:  # usually all scans are as long as the first
+                self._readings = Readings(self._expected * count)
+        readings = message.ranges_m.astype(np.float32)
         self._has_infinite |= _apply_rep117(readings, key.range_min_m, key.range_max_m)
-        self._used += count
-        self._offsets.append(self._used)
+        self._readings.append(readings)
+        self._offsets.append(len(self._readings))
         self._index.append(self._lasers[key])
         self.stamps_ns.append(message.stamp_ns)
         self.received_ns.append(received_ns)
 
-    def _make_room(self, count: int) -> None:
-        needed = self._used + count
-        if needed > len(self._room):
-            # Usually all scans are as long as the first, and the container knows how many there are.
-            size = max(count * (self._expected - len(self)), len(self._room) // 2, _LEAST_ROOM)
-            room = np.empty(self._used + size, np.float32)
-            room[: self._used] = self._room[: self._used]
-            self._room = room
-
     def scans(self, mountings: Mapping[str, Mounting], notes: list[Note]) -> Scans:
         """All scans, the beams of each counter-clockwise; ``mountings`` by the lasers' frames."""
-        readings = self._room[: self._used]
+        readings = self._readings
         offsets = np.frombuffer(self._offsets, np.int64).copy()
         index = np.frombuffer(self._index, np.int32).copy()
         limits = self._limits(readings, offsets, notes)
@@ -99,16 +89,16 @@ class Sweeps:
             geometries.append(geometry)
             if turned:
                 _turn(readings, offsets, np.flatnonzero(index == k))
-        return Scans(readings, offsets, index, tuple(geometries))
+        return as_scans(readings, offsets, index, tuple(geometries))
 
-    def _limits(self, readings: NDArray[np.float32], offsets: NDArray[np.int64], notes: list[Note]) -> list[float]:
+    def _limits(self, readings: Readings, offsets: NDArray[np.int64], notes: list[Note]) -> list[float]:
         """The least reading of each laser that is no return: as it says, unless it never says +inf for one."""
         claims = [laser.range_max_m for laser in self.lasers]
         if self._has_infinite or not len(readings):
             return [_number(claim) for claim in claims]
         step = max(len(readings) // _LOOKED_AT, 1)
         starts, ends = offsets[:-1][::step], offsets[1:][::step]
-        looked = np.concatenate([readings[a:b] for a, b in zip(starts, ends, strict=True)])
+        looked = np.concatenate([readings.read(a, b) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)])
         told = {claim: no_return_limit_m(looked, _claim(claim)) for claim in set(claims)}
         limits = [told[claim] for claim in claims]
         lower = min(limits) < min(map(_number, claims))
@@ -131,10 +121,10 @@ def _apply_rep117(readings: NDArray[np.float32], least: float, most: float) -> b
     return infinite
 
 
-def _cut(readings: NDArray[np.float32], limit_m: float) -> None:
-    for begin in range(0, len(readings), _LOOKED_AT):
-        part = readings[begin : begin + _LOOKED_AT]
+def _cut(readings: Readings, limit_m: float) -> None:
+    for begin, part in readings.blocks():
         part[part >= np.float32(limit_m)] = np.inf
+        readings.write(begin, part)
 
 
 def _check_angles(laser: Laser) -> None:
@@ -155,10 +145,10 @@ def _geometry(laser: Laser, mounting: Mounting, limit_m: float) -> tuple[LaserGe
     return LaserGeometry(laser.beams, first, step, limit_m, mounting.pose), turned
 
 
-def _turn(readings: NDArray[np.float32], offsets: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
+def _turn(readings: Readings, offsets: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
     """The readings of the given scans, in place, last beam first."""
     for a, b in zip(offsets[rows].tolist(), offsets[rows + 1].tolist(), strict=True):
-        readings[a:b] = readings[a:b][::-1].copy()
+        readings.write(a, readings.read(a, b)[::-1].copy())
 
 
 def double_angle(angle_rad: float) -> float:
