@@ -120,20 +120,20 @@ class Messages:
         first, step = geometry.first_angle_rad, geometry.angle_increment_rad
         last, most = first + step * max(geometry.beam_count - 1, 0), geometry.max_range_m
         nothing = np.zeros(0, np.float32)
-        header = self._header(stamp_ns, frame)
+        header = self.header(stamp_ns, frame)
         return self._types[SCAN_TYPE](header, first, last, step, 0.0, 0.0, 0.0, most, ranges, nothing)
 
     def odometry(self, stamp_ns: int, pose: Array) -> Any:
         position = self._types[_GEOMETRY + "Point"](float(pose[0]), float(pose[1]), 0.0)
         where = self._types[_GEOMETRY + "Pose"](position, self._turn(pose))
         with_covariance = self._types[_GEOMETRY + "PoseWithCovariance"](where, np.zeros(36))
-        header = self._header(stamp_ns, ODOMETRY_FRAME)
+        header = self.header(stamp_ns, ODOMETRY_FRAME)
         return self._types[ODOMETRY_TYPE](header, ROBOT_FRAME, with_covariance, self._no_twist)
 
     def transform(self, stamp_ns: int, parent: str, child: str, pose: Array) -> Any:
         place = self._types[_GEOMETRY + "Vector3"](float(pose[0]), float(pose[1]), 0.0)
         motion = self._types[_GEOMETRY + "Transform"](place, self._turn(pose))
-        return self._types[_GEOMETRY + "TransformStamped"](self._header(stamp_ns, parent), child, motion)
+        return self._types[_GEOMETRY + "TransformStamped"](self.header(stamp_ns, parent), child, motion)
 
     def transforms(self, transforms: list[Any]) -> Any:
         return self._types[TRANSFORM_TYPE](transforms)
@@ -142,7 +142,7 @@ class Messages:
         half = 0.5 * float(pose[2])
         return self._types[_GEOMETRY + "Quaternion"](0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
 
-    def _header(self, stamp_ns: int, frame: str) -> Any:
+    def header(self, stamp_ns: int, frame: str) -> Any:
         time = self._types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NANOSECONDS))
         return self._types["std_msgs/msg/Header"](time, frame)
 
