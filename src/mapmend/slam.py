@@ -81,9 +81,11 @@ class Built:
     mended: dict[str, Any] | None = None
 
 
-def read_log(path: str | Path, lenient: bool = False, bag: BagOptions | None = None) -> ScanLog:
+def read_log(
+    path: str | Path, lenient: bool = False, bag: BagOptions | None = None, progress: Progress = no_progress
+) -> ScanLog:
     """The log in a file or ROS bag; raises InputError, saying what the file holds where it is no log."""
-    content = read(path, lenient, bag)
+    content = read(path, lenient, bag, progress)
     if not isinstance(content, ScanLog):
         raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log or a ROS bag")
     return content

@@ -28,7 +28,8 @@ def run(options: Namespace) -> int:
     imports = Thread(target=_import_ahead, daemon=True)
     imports.start()
     began = time.perf_counter()
-    log = read_log(options.log, options.lenient, bag_options(options))
+    with ProgressBar() as progress:
+        log = read_log(options.log, options.lenient, bag_options(options), progress)
     seconds = {"read": time.perf_counter() - began}
     imports.join()
     say_notes(log.notes)

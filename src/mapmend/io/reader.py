@@ -20,6 +20,7 @@ from mapmend.io.graph_lines import parse_graph
 from mapmend.io.nav2 import OccupancyMap, parse_map, parse_pgm
 from mapmend.io.relations import Relations, parse_relations
 from mapmend.io.tum import Trajectory, parse_tum
+from mapmend.parallel import Progress, no_progress
 from mapmend.scan import ScanLog
 
 __all__ = ["Content", "Picture", "Table", "open_text", "read", "read_bytes", "read_run", "recognise"]
@@ -35,7 +36,9 @@ _GRAPH_WORDS = ("VERTEX", "EDGE", "FIX")
 _PAGE_WORDS = ("image:", "resolution:", "origin:", "negate:", "occupied_thresh:", "free_thresh:", "mode:")
 
 
-def read(path: str | Path, lenient: bool = False, bag: BagOptions | None = None) -> Content:
+def read(
+    path: str | Path, lenient: bool = False, bag: BagOptions | None = None, progress: Progress = no_progress
+) -> Content:
     """Read a log, ROS bag, graph, trajectory, relations, map, PGM picture or table of numbers, plain or packed.
 
     ``lenient`` leaves unusable lines of a log out instead of refusing it. ``bag`` chooses topics of a ROS bag. A table
@@ -44,7 +47,7 @@ def read(path: str | Path, lenient: bool = False, bag: BagOptions | None = None)
     if bag_kind(path) is not None:
         from mapmend.io.bags.read import read_bag
 
-        return read_bag(path, bag, lenient)
+        return read_bag(path, bag, lenient, progress)
     if bag is not None and bag.any_given:
         raise InputError(path, "is no ROS bag", "leave out the options that choose topics and frames of bags")
     data = read_bytes(path)

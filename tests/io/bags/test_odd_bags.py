@@ -86,7 +86,23 @@ def test_a_frame_that_is_not_there_is_refused_with_those_that_are(tmp_path, log,
     path = write_bag_of(tmp_path / "drive", "mcap", log)
     answer = mapmend("map", path, "-o", tmp_path / "run", "--base-frame", "base")
     assert answer.code == 2
-    assert "there is no frame 'base'; its transforms know base_link, laser" in answer.complaint
+    assert "there is no frame 'base'; it knows base_link, laser" in answer.complaint
+
+
+def test_the_odometrys_frame_may_be_unknown_to_the_transforms(tmp_path):
+    with BagWriter(tmp_path / "a.mcap", "bare mcap") as bag:
+        bag.write("/tf_static", bag.transform(0, "base_link", "laser", (0.2, 0, np.pi)), 0)
+        bag.write("/tf", bag.transform(0, "base_link", "arm", (np.nan, 0, 0)), 0)
+        for k in range(3):
+            bag.write("/odom", bag.odometry(k * 10**8, (0.1 * k, 0, 0), child="base_footprint"), k * 10**8)
+            bag.write("/scan", small_scan(bag, k * 10**8), k * 10**8)
+    for options in (BagOptions(), BagOptions(base_frame="base_link")):
+        log = read_bag(tmp_path / "a.mcap", options)
+        assert log.scans.geometries[0].T_robot_laser == pytest.approx((0.2, 0, np.pi))
+        assert [str(note) for note in log.notes] == [
+            "transform that is not finite, left out",
+            "no transform knows the odometry's frame 'base_footprint'; it is taken for 'base_link'",
+        ]
 
 
 def test_a_laser_that_looks_at_the_floor_or_turns_is_refused(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from dataclasses import dataclass, field
 
@@ -71,6 +72,7 @@ class Frames:
     def __init__(self) -> None:
         self.joints: dict[str, Joint] = {}
         self.rivals: set[tuple[str, str]] = set()
+        self.unusable = 0
 
     def __contains__(self, frame: str) -> bool:
         return frame in self.joints or any(joint.parent == frame for joint in self.joints.values())
@@ -81,7 +83,9 @@ class Frames:
     def add(self, transform: Transform) -> None:
         """Takes one more transform; a frame's first parent stays its parent."""
         joint = self.joints.get(transform.child)
-        if joint is None:
+        if not math.isfinite(sum(transform.numbers)):
+            self.unusable += 1
+        elif joint is None:
             stamp = transform.stamp_ns
             self.joints[transform.child] = Joint(transform.parent, transform.child, transform.numbers, stamp, stamp)
         elif joint.parent != transform.parent:

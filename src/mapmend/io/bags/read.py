@@ -28,6 +28,7 @@ from mapmend.io.bags.messages import (
 from mapmend.io.bags.odometry import OdometrySeries
 from mapmend.io.bags.options import BagOptions
 from mapmend.io.bags.sweeps import Sweeps
+from mapmend.parallel import Progress, no_progress
 from mapmend.scan import Note, ScanLog
 
 Float = NDArray[np.float64]
@@ -36,6 +37,7 @@ Int = NDArray[np.int64]
 TF_TYPES = (TRANSFORM_TYPE, OLD_TRANSFORM_TYPE)
 TF = "/tf"
 _MOST_NAMES = 12
+_TOLD_EVERY = 1000  # messages
 _FAR_OUTSIDE_S = 0.2  # two messages of a slow odometry
 _TILT_RAD, _MOST_TILT_RAD = np.deg2rad(3.0), np.deg2rad(30.0)
 
@@ -52,7 +54,9 @@ class Gathered:
     bad: int = 0
 
 
-def read_bag(path: str | Path, options: BagOptions | None = None, lenient: bool = False) -> ScanLog:
+def read_bag(
+    path: str | Path, options: BagOptions | None = None, lenient: bool = False, progress: Progress = no_progress
+) -> ScanLog:
     """The log in a bag; raises InputError naming what is wrong and what to choose.
 
     ``lenient`` leaves messages out that can't be decoded.
@@ -61,7 +65,7 @@ def read_bag(path: str | Path, options: BagOptions | None = None, lenient: bool 
     with open_bag(path) as bag:
         scan_topic = choose_scan_topic(bag, chosen)
         odometry_topic = choose_odometry_topic(bag, chosen)
-        gathered = gather(bag, scan_topic, odometry_topic, lenient)
+        gathered = gather(bag, scan_topic, odometry_topic, lenient, progress)
     if not len(gathered.sweeps):
         raise InputError(path, f"no scan can be read on {scan_topic}", "name a bag with laser scans")
     try:
@@ -110,13 +114,16 @@ def _listed(topics: list[Topic], types: bool = False) -> str:
     return ", ".join(names + rest) or "nothing"
 
 
-def gather(bag: Bag, scan_topic: str | None, odometry_topic: str | None, lenient: bool) -> Gathered:
+def gather(bag: Bag, scan_topic: str, odometry_topic: str | None, lenient: bool, progress: Progress) -> Gathered:
     """One pass over the bag: what is not asked for is not even unpacked where the container has an index."""
-    gathered = Gathered(Sweeps(bag.topics[scan_topic].count if scan_topic else 0))
+    gathered = Gathered(Sweeps(bag.topics[scan_topic].count))
     transforms = {topic.name for topic in bag.topics.values() if topic.type in TF_TYPES}
     names = transforms | {name for name in (scan_topic, odometry_topic) if name in bag.topics}
+    total = sum(bag.topics[name].count for name in names)
     with np.errstate(invalid="ignore"):
-        for topic, received_ns, raw in bag.messages(names):
+        for count, (topic, received_ns, raw) in enumerate(bag.messages(names), 1):
+            if count % _TOLD_EVERY == 0:
+                progress("read", count, total)
             try:
                 if topic == scan_topic:
                     gathered.sweeps.add(laser_message(raw, bag.is_ros1), received_ns)
@@ -147,10 +154,9 @@ def _assemble(gathered: Gathered, bag: Bag, odometry_topic: str | None, options:
     if gathered.bad:
         notes.append(Note("message left out that can't be read", gathered.bad))
     sweeps = gathered.sweeps
-    if options.base_frame is not None and options.base_frame.lstrip("/") not in gathered.frames:
-        known = gathered.frames.names()
-        listed = ", ".join(known[:_MOST_NAMES]) if known else "no frames at all"
-        raise InputError(bag.path, f"there is no frame {options.base_frame!a}", f"its transforms know {listed}")
+    if gathered.frames.unusable:
+        notes.append(Note("transform that is not finite, left out", gathered.frames.unusable))
+    _check_frame(gathered, bag, options)
     series, robot_frame = _odometry(gathered, odometry_topic, options, notes)
     mountings = _mountings(gathered, robot_frame, notes)
     stamps_ns = _stamps(sweeps, notes)
@@ -166,6 +172,16 @@ def _assemble(gathered: Gathered, bag: Bag, odometry_topic: str | None, options:
     return ScanLog(scans, seconds(stamps_ns), poses, True, str(bag.path), tuple(notes), has_odometry=series is not None)
 
 
+def _check_frame(gathered: Gathered, bag: Bag, options: BagOptions) -> None:
+    """Raises InputError where a frame is asked for that the bag does not know."""
+    if options.base_frame is None:
+        return
+    known = {*gathered.frames.names(), gathered.odometry_child, *(laser.frame for laser in gathered.sweeps.lasers)}
+    if options.base_frame.lstrip("/") not in known:
+        listed = ", ".join(sorted(known - {""})[:_MOST_NAMES])
+        raise InputError(bag.path, f"there is no frame {options.base_frame!a}", f"it knows {listed}")
+
+
 def _odometry(
     gathered: Gathered, topic: str | None, options: BagOptions, notes: list[Note]
 ) -> tuple[OdometrySeries | None, str | None]:
@@ -175,7 +191,15 @@ def _odometry(
     if topic is not None and topic != TF and gathered.odometry_ns:
         rows = np.frombuffer(gathered.odometry, np.float64).reshape(-1, 6)
         series = OdometrySeries.sorted(np.frombuffer(gathered.odometry_ns, np.int64), planar(rows))
-        own = gathered.odometry_child or frames.robot_frame()
+        own = gathered.odometry_child
+        if (
+            own not in frames
+            and (named := frames.robot_frame())
+            and own not in {x.frame for x in gathered.sweeps.lasers}
+        ):
+            if own:
+                notes.append(Note(f"no transform knows the odometry's frame '{own}'; it is taken for '{named}'"))
+            own = named
     else:
         start = wanted or gathered.sweeps.lasers[0].frame
         joint = frames.odometry_joint(start)
