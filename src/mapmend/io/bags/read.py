@@ -192,11 +192,8 @@ def _odometry(
         rows = np.frombuffer(gathered.odometry, np.float64).reshape(-1, 6)
         series = OdometrySeries.sorted(np.frombuffer(gathered.odometry_ns, np.int64), planar(rows))
         own = gathered.odometry_child
-        if (
-            own not in frames
-            and (named := frames.robot_frame())
-            and own not in {x.frame for x in gathered.sweeps.lasers}
-        ):
+        lasers = {laser.frame for laser in gathered.sweeps.lasers}
+        if own not in frames and own not in lasers and (named := frames.robot_frame()):
             if own:
                 notes.append(Note(f"no transform knows the odometry's frame '{own}'; it is taken for '{named}'"))
             own = named
