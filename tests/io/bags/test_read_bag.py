@@ -103,6 +103,19 @@ def test_scans_outside_the_odometry_take_the_nearest_pose_and_are_counted(tmp_pa
     assert log.notes[0].count == 2
 
 
+def test_two_clocks_are_joined_by_the_times_of_recording(tmp_path):
+    """A laser that counts from its start, beside wheels that know the date."""
+    with BagWriter(tmp_path / "a.mcap", "bare mcap") as bag:
+        for k in range(5):
+            now = 1_700_000_000 * 10**9 + k * 10**8
+            bag.write("/odom", bag.odometry(now, (0.1 * k, 0, 0)), now)
+            bag.write("/scan", bag.scan(k * 10**8, "base_link", np.ones(10), -1.0, 0.2, range_max=8.0), now)
+    log = read_bag(tmp_path / "a.mcap")
+    assert log.odometry[:, 0] == pytest.approx(0.1 * np.arange(5), abs=1e-6)
+    assert log.stamps_s == pytest.approx(0.1 * np.arange(5))
+    assert ["different clocks" in str(note) for note in log.notes] == [True]
+
+
 def test_readings_mean_what_rep_117_says(tmp_path):
     readings = [1.0, np.nan, np.inf, -np.inf, 0.0, 0.05, 7.99, 8.0, 9.0, -1.0]
     expected = [1.0, np.nan, np.inf, np.nan, np.nan, np.nan, np.float32(7.99), np.inf, np.inf, np.nan]

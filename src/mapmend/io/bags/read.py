@@ -39,6 +39,7 @@ TF = "/tf"
 _MOST_NAMES = 12
 _TOLD_EVERY = 1000  # messages
 _FAR_OUTSIDE_S = 0.2  # two messages of a slow odometry
+_OTHER_CLOCK_S = 10.0
 _TILT_RAD, _MOST_TILT_RAD = np.deg2rad(3.0), np.deg2rad(30.0)
 
 
@@ -49,6 +50,7 @@ class Gathered:
     sweeps: Sweeps
     frames: Frames = field(default_factory=Frames)
     odometry_ns: array[int] = field(default_factory=lambda: array("q"))
+    odometry_received_ns: array[int] = field(default_factory=lambda: array("q"))
     odometry: array[float] = field(default_factory=lambda: array("d"))  # x y qx qy qz qw
     odometry_child: str = ""
     bad: int = 0
@@ -131,7 +133,7 @@ def gather(bag: Bag, scan_topic: str, odometry_topic: str | None, lenient: bool,
                     for transform in transform_messages(raw, bag.is_ros1):
                         gathered.frames.add(transform)
                 else:
-                    _take_odometry(gathered, raw, bag.is_ros1)
+                    _take_odometry(gathered, received_ns, raw, bag.is_ros1)
             except BadMessageError as error:
                 if not lenient:
                     mend = "record it again, or pass --lenient to leave such messages out"
@@ -140,11 +142,12 @@ def gather(bag: Bag, scan_topic: str, odometry_topic: str | None, lenient: bool,
     return gathered
 
 
-def _take_odometry(gathered: Gathered, raw: bytes, ros1: bool) -> None:
+def _take_odometry(gathered: Gathered, received_ns: int, raw: bytes, ros1: bool) -> None:
     pose = odometry_message(raw, ros1)
     if not np.all(np.isfinite(pose.numbers)):
         raise BadMessageError("a pose is not finite")
     gathered.odometry_ns.append(pose.stamp_ns)
+    gathered.odometry_received_ns.append(received_ns)
     gathered.odometry.extend((*pose.numbers[:2], *pose.numbers[3:]))
     gathered.odometry_child = gathered.odometry_child or pose.child
 
@@ -161,13 +164,14 @@ def _assemble(gathered: Gathered, bag: Bag, odometry_topic: str | None, options:
     mountings = _mountings(gathered, robot_frame, notes)
     stamps_ns = _stamps(sweeps, notes)
     scans = sweeps.scans(mountings, notes)
-    poses = np.zeros((len(scans), 3))
+    poses, times_ns = np.zeros((len(scans), 3)), stamps_ns
     if series is not None:
-        poses = series.at_scans(stamps_ns)
-        _note_outside(series, stamps_ns, notes)
+        series, times_ns = _on_one_clock(gathered, series, stamps_ns, notes)
+        poses = series.at_scans(times_ns)
+        _note_outside(series, times_ns, notes)
     if options.deskew:
         lasers = [(laser, mountings[laser.frame]) for laser in sweeps.lasers]
-        scans = deskewed(scans, lasers, stamps_ns, series, notes)
+        scans = deskewed(scans, lasers, times_ns, series, notes)
     _note_steps(stamps_ns, notes)
     return ScanLog(scans, seconds(stamps_ns), poses, True, str(bag.path), tuple(notes), has_odometry=series is not None)
 
@@ -246,6 +250,18 @@ def seconds(stamps_ns: Int) -> Float:
     """The double next to each time: in one division where the nanoseconds are exact, else whole seconds apart."""
     whole, rest = np.divmod(stamps_ns, NANOSECONDS)
     return np.where(np.abs(stamps_ns) < 2**53, stamps_ns / NANOSECONDS, whole + rest / NANOSECONDS)
+
+
+def _on_one_clock(
+    gathered: Gathered, series: OdometrySeries, stamps_ns: Int, notes: list[Note]
+) -> tuple[OdometrySeries, Int]:
+    """The odometry and the scans' times: by their stamps, or by the times of recording where two clocks disagree."""
+    if not np.all(series.outside_s(stamps_ns) > _OTHER_CLOCK_S) or not gathered.odometry_ns:
+        return series, stamps_ns
+    order = np.argsort(np.frombuffer(gathered.odometry_ns, np.int64), kind="stable")
+    received = np.frombuffer(gathered.odometry_received_ns, np.int64)[order]
+    notes.append(Note("laser and odometry are stamped by different clocks; they are joined by the times of recording"))
+    return OdometrySeries.sorted(received, series.poses), np.frombuffer(gathered.sweeps.received_ns, np.int64)
 
 
 def _note_outside(series: OdometrySeries, stamps_ns: Int, notes: list[Note]) -> None:
