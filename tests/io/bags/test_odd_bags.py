@@ -3,6 +3,7 @@
 import contextlib
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,13 @@ from mapmend.io.bags.read import read_bag
 from mapmend.io.info import describe, describe_content
 from mapmend.slam import build_map
 from tests.io.bags.writing import KINDS, BagWriter, Layout, write_bag_of
+
+
+def first_rows(log, count):
+    rows = np.arange(count)
+    return replace(
+        log, scans=log.scans.select(rows), stamps_s=log.stamps_s[rows].copy(), odometry=log.odometry[rows].copy()
+    )
 
 
 def small_scan(bag, stamp_ns, frame="laser"):
@@ -192,6 +200,26 @@ def test_a_bag_of_which_nothing_is_left_is_one_line(tmp_path, log, kind, mapmend
     answer = mapmend("map", path, "-o", tmp_path / "run")
     assert answer.code == 2
     assert str(path) in answer.complaint
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whatever_bytes_are_damaged_it_is_read_or_refused_in_a_line(tmp_path, log, kind):
+    path = write_bag_of(tmp_path / "drive", kind, first_rows(log, 20))
+    file = next(f for f in path.iterdir() if f.suffix != ".yaml") if path.is_dir() else path
+    whole, random = file.read_bytes(), np.random.default_rng(1)
+    for _ in range(25):
+        data = np.frombuffer(whole, np.uint8).copy()
+        # Headers and the index at the end are where a wrong byte does most.
+        places = np.concatenate((random.integers(0, len(data), 5), random.integers(0, 3000, 3)))
+        places = np.concatenate((places, len(data) - 1 - random.integers(0, 2000, 3)))
+        places = places[random.random(len(places)) < random.random()]
+        data[places] = random.integers(0, 256, len(places))
+        file.write_bytes(data.tobytes()[: random.integers(1, len(data)) if random.random() < 0.2 else len(data)])
+        try:
+            describe(path)
+            read_bag(path, lenient=True)
+        except MapmendError as error:
+            assert "\n" not in str(error)  # noqa: PT017
 
 
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3"])

@@ -18,6 +18,8 @@ EXTRA = "pip install 'mapmend[ros]'"
 
 ROS1, MCAP, SQLITE, FOLDER = "ROS 1 bag", "MCAP file", "ROS 2 database", "ROS 2 bag"
 
+LATEST_NS = 2**63 - 1  # what a damaged time is cut down to
+
 Message = tuple[str, int, bytes]
 """Topic, time of recording (ns), content."""
 
@@ -49,7 +51,7 @@ class Bag:
         count = 0
         while True:
             try:
-                message = next(source)
+                topic, time_ns, raw = next(source)
             except StopIteration:
                 return
             except Exception as error:  # whatever a damaged file makes of its reader
@@ -58,7 +60,7 @@ class Bag:
                     raise InputError(self.path, f"is damaged: {reason(error)}", "copy or record it again") from None
                 return
             count += 1
-            yield message
+            yield topic, min(time_ns, LATEST_NS), raw
 
 
 def bag_kind(path: str | Path) -> str | None:
