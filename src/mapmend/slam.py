@@ -206,7 +206,7 @@ def particle_filter(log: ScanLog, config: Config, progress: Progress = no_progre
     particles = ParticleFilter(log, config, threads, progress)
     particles.run()
     graph, scan_poses = path_graph(particles)
-    return Built(graph, scan_poses, np.zeros(0, dtype=np.int64), particles.unmatched)
+    return Built(graph, scan_poses, np.zeros(0, dtype=np.int64))
 
 
 METHODS: dict[str, Callable[[ScanLog, Config, Progress, int], Built]] = {

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mapmend.baselines.particle_maps import ParticleMaps
+from mapmend.errors import MapmendError
 from mapmend.grid.surface import SurfaceGrid
 from tests.baselines.maps import contents_of
 from tests.grid.contents import Contents
@@ -60,6 +61,12 @@ def test_shared_tiles_change_for_nobody_else(scene):
         for points, pose in history[p]:
             insert(alone, points, pose[None])
         assert contents_of(maps, p) == contents_of(alone, 0)
+
+
+def test_a_robot_that_jumps_off_the_earth_is_refused(scene):
+    maps = ParticleMaps(30, SIZE_M)
+    with pytest.raises(MapmendError, match="mend the jumps"):
+        maps.claim(scene.scan_at(scene.here, 1), LASER, np.tile([1e5, 1e5, 0.0], (30, 1)))
 
 
 def test_particles_of_one_parent_share_all_tiles_until_they_write(scene):

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.baselines import _map_kernels
+from mapmend.errors import MapmendError
 from mapmend.grid._kernels import REACH, TILE, TILE_CELLS
 
 Float = NDArray[np.float64]
@@ -13,6 +14,9 @@ Float = NDArray[np.float64]
 FIRST_TILES = 256
 # Every so many beams clears: at a metre or half a radian from one scan to the next, all are needed.
 CLEARING_STRIDE = 1
+
+MOST_ENTRIES = 1 << 26
+"""Of all particles' tables: 256 MB, 2 km x 2 km for 30 particles and cells of 5 cm."""
 
 Cells = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.int8], NDArray[np.uint8]]
 
@@ -94,6 +98,11 @@ class ParticleMaps:
         if np.array_equal(new_begin, begin) and np.array_equal(new_end, end):
             return
         rows, columns = (new_end - new_begin).tolist()
+        if rows * columns * len(self.tables) > MOST_ENTRIES:
+            raise MapmendError(
+                f"the particles' maps would span {columns * span:.0f} m x {rows * span:.0f} m; mend the jumps in the "
+                "log's odometry, or take larger cells (grid.cell_size_m)"
+            )
         tables = np.full((len(self.tables), rows, columns), -1, dtype=np.int32)
         top, left = (begin - new_begin).tolist()
         tables[:, top : top + shape[0], left : left + shape[1]] = self.tables
