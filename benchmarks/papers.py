@@ -101,7 +101,7 @@ def all_steps(data: str, folder: Path) -> list[Step]:
     steps.append(check("check-killian", f"{data}/scangraphs/killian.g2o.gz", place))
     tune = ("-m", "mapmend", "tune", f"{place}/intel-false.g2o", "-o", f"{place}/tune", "--json")
     steps.append(Step("tune", tune, cores=2, after=("graphs",), answers=(0, 1)))
-    tuning = ("tuning.py", "--counts", "0", "50", "200", "--results", f"{place}/tuning.jsonl")
+    tuning = ("tuning.py", "--counts", "0", "200", "--kinds", "random", "local", "--results", f"{place}/tuning.jsonl")
     steps.append(script("tuning", tuning, cores=2))
     steps.append(script("power", ("consistency.py", "--what", "power", "--maps", "120"), cores=2))
     steps.append(script("table1", ("consistency.py", "--what", "speed"), cores=2))
