@@ -12,6 +12,10 @@ IN_PICTURES = "shown in pictures, no number"
 PAPER_SECONDS = {"intel": (1311, 133.7, 13.4), "fr079": (833, 118.4, 29.5), "killian": (5489, 56.0, 42.0)}
 """MC Table I: N, R and seconds of the logs that we have too, at other numbers of scans."""
 
+SPECIFICITIES = (1.0, 0.95, 0.9, 0.8, 0.5)
+NEAR = 0.9
+"""Specificity and recall of at least this are called near (1, 1)."""
+
 PAPER_THREADS, OUR_THREADS = 8, 2
 
 
@@ -75,24 +79,32 @@ def _unbiased(results: Results) -> Claim:
 def _power(results: Results) -> list[Claim]:
     """MC Figure 3: recall and specificity, and Haehnel's test beside it."""
     tables = {row["maps"]: row for row in _curves(results)}
+    near, beside = "near (1, 1)", "above it everywhere"
     found = []
     for kind, figure in (("static", "3a"), ("dynamic", "3b"), ("all", "3c")):
-        row = tables.get(kind)
-        text = f"{kind} maps: recall and specificity near (1, 1), better than Haehnel's test"
-        source = f"MC VI-A, Fig. {figure}"
+        source, row = f"MC VI-A, Fig. {figure}", tables.get(kind)
+        texts = (f"{kind} maps: specificity and recall", f"{kind} maps: recall above that of Haehnel's test")
         if row is None:
-            found.append(Claim(source, text, "near (1, 1)", "-", UNKNOWN))
+            found += [
+                Claim(source, text, paper, "-", UNKNOWN) for text, paper in zip(texts, (near, beside), strict=True)
+            ]
             continue
-        recall, specificity = float(row["recall"]), float(row["specificity"])
-        ours, theirs = _recalls(row, "curve"), _recalls(row, "Haehnel")
-        better = all(a >= b for a, b in zip(ours, theirs, strict=False))
-        text_ours = (
-            f"specificity {specificity:.2f}, recall {recall:.2f}; Haehnel's recall at specificity 1: {theirs[0]:.2f}"
-        )
-        holds = better and recall >= 0.9 and specificity >= 0.9
-        gap = "" if holds else f": recall {recall:.2f}" if better else ": Haehnel's is better somewhere"
-        found.append(Claim(source, text, "near (1, 1)", text_ours, (REPRODUCED if holds else NOT_REACHED) + gap))
+        specificity, recall = float(row["specificity"]), float(row["recall"])
+        missed = "" if min(recall, specificity) >= NEAR else f": {min(recall, specificity):.2f}"
+        verdict = NOT_REACHED + missed if missed else REPRODUCED
+        found.append(Claim(source, texts[0], near, f"specificity {specificity:.2f}, recall {recall:.2f}", verdict))
+        found.append(_beside_haehnel(source, texts[1], beside, row))
     return found
+
+
+def _beside_haehnel(source: str, text: str, theirs: str, row: dict[str, str]) -> Claim:
+    """By recall at five specificities."""
+    mine, rivals = _recalls(row, "curve"), _recalls(row, "Haehnel")
+    pairs = list(zip(SPECIFICITIES, mine, rivals, strict=True))
+    lower = [f"{at:g} {rival:.2f} to {recall:.2f}" for at, recall, rival in pairs if recall < rival]
+    ours = f"at specificity 1 {mine[0]:.2f} to {rivals[0]:.2f}, at 0.9 {mine[2]:.2f} to {rivals[2]:.2f}"
+    verdict = f"{NOT_REACHED}: Haehnel's is higher at specificity {', '.join(lower)}" if lower else REPRODUCED
+    return Claim(source, text, theirs, ours, verdict)
 
 
 def _curves(results: Results) -> list[dict[str, str]]:

@@ -51,9 +51,9 @@ def write_page(folder: Path, page: Path) -> None:
 
 
 EXPERIMENT_1 = """
-The paper's log, USC SAL, is not among our data: intel takes its place, with 30 stretches of 6 m in which 80 % of the
-reported motion did not happen, and every method's motion model widened to the paper's 1.6 and 0.8. The paper shows maps
-and paths, and no number.
+The paper's log, USC SAL, is not among our data: intel takes its place, with stretches in which most of the reported
+motion did not happen, and every method's motion model widened to the paper's 1.6 and 0.8. The paper shows maps and
+paths, and no number.
 
 ![Maps](images/results-slip-maps.png)
 ![Paths](images/results-slip-paths.png)
