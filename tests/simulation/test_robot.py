@@ -64,6 +64,19 @@ def test_the_robot_keeps_its_speeds(seed):
     np.testing.assert_allclose(np.diff(simulation.log.stamps_s), 0.25)
 
 
+def test_speeds_wander_by_as_much_as_they_are_told_and_forget():
+    world = World(box((-2.0, -1.0, 2002.0, 1.0)), "long", np.array([[0.0, 0.0], [2000.0, 0.0]]))
+    simulation = simulate(world, ONE_BEAM, seed=3, speed_std_share=0.1)
+    speeds = np.diff(simulation.path_m) / 0.2 / 0.4 - 1.0
+    # 5,000 s of drive are some 800 independent speeds: their deviation is known to 3 %, its mean to 0.4 %.
+    assert abs(speeds.mean()) < 0.015
+    assert 0.085 < speeds.std() < 0.115
+    later = np.corrcoef(speeds[:-15], speeds[15:])[0, 1]
+    assert 0.25 < later < 0.5
+    np.testing.assert_allclose(simulation.log.stamps_s, 0.2 * np.arange(len(simulation.log)), atol=1e-6)
+    assert 1999.0 < simulation.path_m[-1] <= 2000.0
+
+
 def test_the_drive_begins_and_ends_where_the_route_does():
     world = corridor_loop()
     simulation = simulate(world, seed=0)

@@ -26,6 +26,12 @@ SHORTEST_RANGE_M = 1e-3
 
 GAP_BETWEEN_SLIPS_M = 0.5
 
+SPEED_WANDERS_S = 3.0
+"""A speed that wanders has lost all but a factor of e of where it was after so long."""
+
+SLOWEST_SHARE = 0.2
+"""However a speed wanders, this share of it is left."""
+
 
 @dataclass(frozen=True)
 class LaserModel:
@@ -108,24 +114,28 @@ def simulate(
     speed_mps: float = 0.4,
     turn_rate_radps: float = 0.6,
     turn_radius_m: float = 0.4,
+    speed_std_share: float = 0.0,
 ) -> Simulation:
     """Drive the world's route once, with a scan every ``scan_interval_s`` from the first point on, also while turning.
 
-    The wheels turn at ``speed_mps`` whether they slip or not. Corners are arcs of ``turn_radius_m`` where these fit and
-    turns on the spot elsewhere (0: everywhere). Each scan is taken at one instant. The stamps begin at 0, the odometry
-    at ``(0, 0, 0)``, the truth at the route's first point. The same arguments give the same bytes.
-    Raises MapmendError for an interval or speeds that are not positive, and for slips that overlap or do not fit.
+    The wheels turn at ``speed_mps`` whether they slip or not; with ``speed_std_share``, all speeds wander together by
+    that share of themselves (standard deviation). Corners are arcs of ``turn_radius_m`` where these fit and turns on
+    the spot elsewhere (0: everywhere). Each scan is taken at one instant. The stamps begin at 0, the odometry at
+    ``(0, 0, 0)``, the truth at the route's first point. The same arguments give the same bytes.
+    Raises MapmendError for an interval or speeds that are not positive, for a negative ``speed_std_share``, and for
+    slips that overlap or do not fit.
     """
-    if not scan_interval_s > 0.0:
-        raise MapmendError(f"scan_interval_s must be positive, got {scan_interval_s}")
+    if not (scan_interval_s > 0.0 and 0.0 <= speed_std_share < np.inf):
+        given = f"{scan_interval_s} and {speed_std_share}"
+        raise MapmendError(f"scan_interval_s must be positive and speed_std_share not negative, got {given}")
     laser, odometry = laser or LaserModel(), odometry or OdometryModel()
-    slip_rng, odometry_rng, noise_rng, loss_rng = (default_rng(s) for s in SeedSequence(seed).spawn(4))
+    slip_rng, odometry_rng, noise_rng, loss_rng, speed_rng = (default_rng(s) for s in SeedSequence(seed).spawn(5))
     straight = straight_stretches(plan_drive(world.route, speed_mps, turn_rate_radps, turn_radius_m))
     slips = _all_slips(odometry, straight, slip_rng)
     drive = plan_drive(world.route, speed_mps, turn_rate_radps, turn_radius_m, slips)
-    # A hair more, so that a drive of a whole number of intervals ends with a scan however the division rounds.
-    stamps_s = np.round(np.arange(int(drive.duration_s / scan_interval_s + 1e-9) + 1) * scan_interval_s, 6)
-    truth, path_m, wheel_m = drive.at(stamps_s)
+    driven_s = _scan_times(drive.duration_s, scan_interval_s, speed_std_share, speed_rng)
+    stamps_s = np.round(np.arange(len(driven_s)) * scan_interval_s, 6)
+    truth, path_m, wheel_m = drive.at(driven_s)
     log = ScanLog(
         scans=_scans(world, laser, truth, noise_rng, loss_rng),
         stamps_s=stamps_s,
@@ -133,6 +143,20 @@ def simulate(
         source=f"simulated: {world.name}, seed {seed}",
     )
     return Simulation(world, log, truth, path_m, slips)
+
+
+def _scan_times(duration_s: float, interval_s: float, std_share: float, rng: Generator) -> Array:
+    """When on a drive of ``duration_s`` at even speeds each scan is taken, where speeds wander about these."""
+    # A hair more, so that a drive of a whole number of intervals ends with a scan however the division rounds.
+    even = np.round(np.arange(int(duration_s / interval_s + 1e-9) + 1) * interval_s, 6)
+    if std_share == 0.0:
+        return even
+    kept = np.exp(-interval_s / SPEED_WANDERS_S)
+    times, off = [0.0], std_share * rng.standard_normal()
+    while times[-1] <= duration_s:
+        times.append(times[-1] + interval_s * max(1.0 + off, SLOWEST_SHARE))
+        off = kept * off + np.sqrt(1.0 - kept**2) * std_share * rng.standard_normal()
+    return np.array(times[:-1])
 
 
 def reported_odometry(truth: Array, path_m: Array, wheel_m: Array, model: OdometryModel, rng: Generator) -> Array:
