@@ -39,6 +39,7 @@ class Spread:
         return str(self.seeds), f"{self.median:.{digits}f}", quartiles, f"{self.worst:.{digits}f}", str(self.worst_seed)
 
 
+MOST_NAMED = 3
 HEAD = ("seeds", "median", "quartiles", "worst", "its seed")
 
 
@@ -64,10 +65,10 @@ class Results(Generic[Row]):
 
 
 def paired(errors: dict[int, float], others: dict[int, float], margin: float = 0.0) -> str:
-    """In how many of the common seeds the first is worse than the others by more than ``margin``."""
+    """In how many of the common seeds the first is worse than the others by more than ``margin``, and if few, which."""
     both = sorted(errors.keys() & others.keys())
     worse = [seed for seed in both if errors[seed] > others[seed] + margin]
-    return f"{len(worse)} of {len(both)}" + (f" ({', '.join(map(str, worse))})" if worse else "")
+    return f"{len(worse)} of {len(both)}" + (f" ({', '.join(map(str, worse))})" if 0 < len(worse) <= MOST_NAMED else "")
 
 
 def spread_table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], dict[int, float]]], digits: int = 3) -> str:
