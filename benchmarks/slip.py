@@ -117,7 +117,7 @@ def parsed() -> argparse.Namespace:
     options.logs = options.logs or ["intel"]
     for log in options.logs:
         if not path_of(log, "logs", ".clf.bz2").is_file():
-            stop(f"{log} is no file, and no log of the folder that MAPMEND_DATA names; give a path or a name like intel")
+            stop(f"{log} is no file, and no log below MAPMEND_DATA; give a path, or a name like intel")
     options.slip = SlipModel(options.kind, options.count, options.share, options.length)
     return options
 

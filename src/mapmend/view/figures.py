@@ -87,27 +87,6 @@ def draw_comparison(walls: Float, truth: Float, maps: list[MapPanel], path: str 
     save_figure(figure, path)
 
 
-def draw_maps(maps: list[MapPanel], path: str | Path) -> None:
-    """Maps side by side in the frame that their panels name, each with its trajectory, as a PNG (IGO Figure 5)."""
-    corners = [_in_world(_corners(panel.grid), panel.T_world_map) for panel in maps]
-    low = np.min([c.min(axis=0) for c in corners], axis=0)
-    high = np.max([c.max(axis=0) for c in corners], axis=0)
-    figure = new_figure(len(maps), *(high - low))
-    for axes, panel in zip(
-        figure.subplots(1, len(maps), sharex=True, sharey=True, squeeze=False)[0], maps, strict=True
-    ):
-        _draw_grid(axes, panel.grid, panel.T_world_map)
-        axes.plot(*_in_world(panel.poses[:, :2], panel.T_world_map).T, color=ESTIMATE, linewidth=0.5)
-        _finish(axes, panel.title, low, high)
-    save_figure(figure, path)
-
-
-def _corners(grid: OccupancyMap) -> Float:
-    rows, columns = grid.image.shape
-    x, y, size = grid.origin[0], grid.origin[1], grid.resolution_m
-    return np.array([[x + i * columns * size, y + j * rows * size] for i in (0, 1) for j in (0, 1)])
-
-
 def _draw_truth(axes: Axes, walls: Float, truth: Float) -> None:
     from matplotlib.collections import LineCollection
 

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.view.figures import TRUE_PATH, new_figure, save_figure
+from mapmend.geometry.se2 import transform_points
+from mapmend.io.nav2 import OccupancyMap
+from mapmend.view.figures import ESTIMATE, TRUE_PATH, MapPanel, draw_grid, finish_axes, new_figure, save_figure
 
 Float = NDArray[np.float64]
 
@@ -35,6 +37,19 @@ class EdgePanel:
     title: str
     xy_m: Float
     off_share: Float
+
+
+def draw_maps(maps: Sequence[MapPanel], path: str | Path) -> None:
+    """Maps side by side in the frame that their panels name, each with its trajectory, as a PNG (IGO Figure 5)."""
+    corners = np.concatenate([transform_points(panel.T_world_map, _corners(panel.grid)) for panel in maps])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    figure = new_figure(len(maps), *(high - low))
+    all_axes = np.atleast_1d(figure.subplots(1, len(maps), sharex=True, sharey=True))
+    for axes, panel in zip(all_axes, maps, strict=True):
+        draw_grid(axes, panel.grid, panel.T_world_map)
+        axes.plot(*transform_points(panel.T_world_map, panel.poses[:, :2]).T, color=ESTIMATE, linewidth=0.5)
+        finish_axes(axes, panel.title, low, high)
+    save_figure(figure, path)
 
 
 def draw_paths(truth: Path2D, paths: Sequence[Path2D], path: str | Path) -> None:
@@ -72,12 +87,14 @@ def draw_edges(panels: Sequence[EdgePanel], path: str | Path) -> None:
         lines = LineCollection(list(ends[order]), cmap=colours, norm=norm, linewidths=2.2, capstyle="round")
         lines.set_array(panel.off_share[order])
         axes.add_collection(lines)
-        axes.set_aspect("equal")
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
-        axes.set_xlabel("x [m]")
-        axes.set_title(panel.title)
+        finish_axes(axes, panel.title, low, high)
     all_axes[0].set_ylabel("y [m]")
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=list(all_axes), shrink=0.7, extend="both")
     bar.set_label("edge too long by (share of its length)")
     save_figure(figure, path)
+
+
+def _corners(grid: OccupancyMap) -> Float:
+    rows, columns = grid.image.shape
+    x, y, size = grid.origin[0], grid.origin[1], grid.resolution_m
+    return np.array([[x + i * columns * size, y + j * rows * size] for i in (0, 1) for j in (0, 1)])
