@@ -77,10 +77,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20, metavar="N", help="default: %(default)s")
     parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of the first (default: %(default)s)")
     parser.add_argument("--drives", nargs="+", choices=list(DRIVES), default=list(DRIVES), metavar="D")
-    methods = [name for name in METHODS if name != "odometry"]
-    parser.add_argument(
-        "--methods", nargs="+", choices=[*METHODS, KNOWN_ENDS], default=[*methods, KNOWN_ENDS], metavar="M"
-    )
+    methods, default = [*METHODS, KNOWN_ENDS], ["scanmatch", "go", "igo", KNOWN_ENDS]
+    parser.add_argument("--methods", nargs="+", choices=methods, default=default, metavar="M")
     parser.add_argument("--results", type=Path, default=Path("corridor.jsonl"), help="default: %(default)s")
     parser.add_argument("--only-print", action="store_true", help="the tables of what was measured before")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the seed of go's median error into DIR")

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmend.baselines import _filter_kernels
@@ -68,6 +68,7 @@ def test_the_prior_holds_where_the_map_says_nothing(mapped):
     assert not normal.any()
 
 
+@settings(deadline=None)  # the first example compiles
 @given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-3.0, 3.0))
 def test_the_likelihood_is_that_of_its_twin(x, y, turn):
     mapped = _ONE
@@ -143,6 +144,7 @@ def mapped_arguments(mapped):
     return mapped.maps.tables, mapped.maps.frame, mapped.maps.cells, mapped.points
 
 
+@settings(deadline=None)  # the first example compiles
 @given(st.lists(st.floats(1e-6, 1.0), min_size=1, max_size=40), st.floats(0.0, 0.999))
 def test_resampling_draws_each_as_often_as_it_weighs(weights, shift):
     weights = np.array(weights) / np.sum(weights)
