@@ -58,7 +58,7 @@ WRONG_M = 0.1
 
 @dataclass(frozen=True)
 class Measured:
-    """One method on one log with slips. ``slips_wrong`` and ``worst_slip_m``: against its map without slips."""
+    """One method on one log with slips. ``slips_wrong`` and ``worst_slip_m``: against go's map without slips."""
 
     log: str
     model: str
@@ -102,6 +102,7 @@ def parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", nargs="*", metavar="LOG", help="paths, or names below MAPMEND_DATA (default: intel)")
     parser.add_argument("--seeds", type=int, default=10, metavar="N", help="default: %(default)s")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of the first (default: %(default)s)")
     parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=["go", "igo"], metavar="M")
     parser.add_argument("--models", nargs="+", choices=MODELS, default=["wide"], help="of motion (default: wide)")
     parser.add_argument("--kind", choices=KINDS, default=DEFAULT.kind)
@@ -132,7 +133,7 @@ def draw(rows: Sequence[Measured], options: argparse.Namespace) -> None:
     def mapped(given: ScanLog, method: str) -> MapResult:
         return build_map(given, method, config_of(model, seed))
 
-    reference = mapped_without_slips(log, model, "go")
+    reference = without_slips(log, model)
     name = Path(log).name.split(".")[0]
     draw_all(Drawn(name, slip_log(loaded(log), slip, seed).log, mapped, reference, errors), options.pictures)
 
@@ -143,7 +144,7 @@ def cases(options: argparse.Namespace) -> Iterator[tuple[Any, ...]]:
     for log in options.logs:
         for model in options.models:
             yield from ((log, model, method, NO_SLIP, 0) for method in options.methods)
-    for seed in range(options.seeds):
+    for seed in range(options.first, options.first + options.seeds):
         for log in options.logs:
             for model in options.models:
                 yield from ((log, model, method, slip, seed) for slip in slips for method in options.methods)
@@ -151,11 +152,10 @@ def cases(options: argparse.Namespace) -> Iterator[tuple[Any, ...]]:
 
 def measure(log: str, model: str, method: str, slip: SlipModel, seed: int) -> Measured:
     """Spoils the log, maps it, compares."""
-    clean = mapped_without_slips(log, model, method)
     slipped = slip_log(loaded(log), slip, seed)
-    result = clean if slip.count == 0 else build_map(slipped.log, method, config_of(model, seed))
+    result = build_map(slipped.log, method, config_of(model, seed))
     poses = result.trajectory.poses
-    off_m = [slip_error_m(one, poses, clean.trajectory.poses) for one in slipped.slips]
+    off_m = [slip_error_m(one, poses, without_slips(log, model).trajectory.poses) for one in slipped.slips]
     error_m, error_max_m, rotation_deg = errors_of(log, model, poses)
     return Measured(
         log,
@@ -201,8 +201,9 @@ def loaded(log: str) -> ScanLog:
 
 
 @cache
-def mapped_without_slips(log: str, model: str, method: str) -> MapResult:
-    return build_map(loaded(log), method, config_of(model, 0))
+def without_slips(log: str, model: str) -> MapResult:
+    """go's map of the log as it is."""
+    return build_map(loaded(log), "go", config_of(model, 0))
 
 
 def errors_of(log: str, model: str, poses: Float) -> tuple[float, float, float]:
@@ -212,7 +213,7 @@ def errors_of(log: str, model: str, poses: Float) -> tuple[float, float, float]:
         true = read_relations(relations)
         found = relation_errors(stamps, poses, true.t1_s, true.t2_s, true.relative_poses)
         return found.translation_mean_m, found.translation_max_m, found.rotation_mean_deg
-    reference = mapped_without_slips(log, model, "go").trajectory
+    reference = without_slips(log, model).trajectory
     errors = trajectory_errors(stamps, poses, reference.stamps_s, reference.poses)
     return errors.translation_rmse_m, errors.translation_max_m, errors.rotation_mean_deg
 
