@@ -212,11 +212,46 @@ def test_no_polygon_reaches_farther_in_a_sector_than_is_noted(geometry):
 
     rng = np.random.default_rng(5)
     views = build_views(scans_of((geometry,), [random_readings(rng, geometry.beam_count)]), np.zeros((1, 3)), CONFIG)
-    polygon = views.vertices[:, :1] * views.beams.rays[0, : len(views.vertices)]
+    polygon = views.corners[:2, : views.beams.counts[0]].T
+    limits, wide = views.limits.sectors[0], views.limits.wide_sectors[0]
     for begin, end in plain.sides(polygon):
         for x, y in begin + np.linspace(0.0, 1.0, 50)[:, None] * (end - begin):
-            if x or y:
-                sector = _kernels.pseudo_bin(x, y) // _kernels.BINS_A_SECTOR
-                assert x * x + y * y <= views.reach2[0, sector] * (1.0 + 1e-12)
-                assert _kernels.may_reach(x * 0.99, y * 0.99, 0.0, views.reach2[0])
-    assert not _kernels.may_reach(30.0, 1.0, 0.5, views.reach2[0])
+            assert x * x + y * y <= limits[_kernels.sector_of(x, y, _kernels.SECTORS)] * (1.0 + 1e-7)
+            for turn in np.linspace(0.0, 2.0 * np.pi, 12):
+                # The middle of a group one of whose points is on the polygon.
+                far_x, far_y = np.array((x, y)) + _kernels.GROUP_RADIUS_M * np.array((np.cos(turn), np.sin(turn)))
+                assert far_x**2 + far_y**2 <= wide[_kernels.sector_of(far_x, far_y, _kernels.WIDE_SECTORS)]
+    assert limits.max() < 8.1**2
+    assert wide.max() < 8.6**2
+
+
+@given(st.integers(0, 10**6), st.floats(0.01, 20.0))
+@settings(max_examples=50, deadline=None)
+def test_sectors_in_float32_are_those_of_float64_or_their_neighbours(seed, distance):
+    from mapmend.consistency import _kernels
+
+    angles = np.random.default_rng(seed).uniform(-np.pi, np.pi, 40)
+    xy = distance * np.stack((np.cos(angles), np.sin(angles)))
+    sectors, squares = np.empty(40, np.int32), np.empty(40, np.float32)
+    frame = tuple(np.float32(v) for v in (0.0, 0.0, 1.0, 0.0))
+    _kernels.sectors_of(frame, xy.astype(np.float32), 0, 40, _kernels.SECTORS, sectors, squares)
+    expected = np.array([_kernels.sector_of(x, y, _kernels.SECTORS) for x, y in xy.T])
+    apart = np.abs(sectors - expected)
+    assert np.all(np.minimum(apart, _kernels.SECTORS - apart) <= 1)
+    np.testing.assert_allclose(squares, distance**2, rtol=1e-5)
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=30, deadline=None)
+def test_groups_hold_all_points_within_their_circles(seed):
+    from mapmend.consistency import _kernels
+
+    rng = np.random.default_rng(seed)
+    scans = scans_of(LASERS, [random_readings(rng, g.beam_count) for g in LASERS])
+    views = build_views(scans, np.zeros((len(LASERS), 3)), CONFIG)
+    limits = views.limits
+    np.testing.assert_array_equal(limits.group_rows[limits.group_offsets], views.point_offsets)
+    sizes = np.diff(limits.group_rows)
+    assert np.all((sizes >= 1) & (sizes <= _kernels.GROUP))
+    away = views.points - np.repeat(limits.groups.T, sizes, axis=0)
+    assert np.all(np.hypot(*away.T) <= _kernels.GROUP_RADIUS_M + 1e-5)

@@ -11,15 +11,15 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
 
 @njit(cache=True, nogil=True)
-def draw_grid(vertices, rays, ends, cell_m, half, grid):
+def draw_grid(reaches, rays, ends, cell_m, half, grid):
     """Draws one scan into ``grid``, (2 half, 2 half), the laser at the corner between its four middle cells.
 
-    ``vertices``: (count, 2), how far its beams are free; ``rays``: (count, 2), where they point; ``ends``: (k, 2), its
+    ``reaches``: (count,), how far its beams are free; ``rays``: (count, 2), where they point; ``ends``: (k, 2), its
     end points. Beams free the cells in which their samples, half a cell apart, lie; end points occupy theirs.
     """
     grid[:] = UNKNOWN
-    for k in range(vertices.shape[0]):
-        for step in range(int(vertices[k, 0] / (0.5 * cell_m))):
+    for k in range(reaches.shape[0]):
+        for step in range(int(reaches[k] / (0.5 * cell_m))):
             way = step * 0.5 * cell_m
             column = int(math.floor(way * rays[k, 0] / cell_m)) + half
             row = int(math.floor(way * rays[k, 1] / cell_m)) + half
@@ -36,17 +36,18 @@ def count_over_grids(pairs, polygons, points, lasers, beams, grid_size, counts):
     """For pairs (k, 2), sorted by the first scan: how many end points of the second lie on cells that the first one's
     grid calls free, and how many on cells it calls occupied: ``counts`` (k, 2). ``grid_size`` = (cell m, half width).
     """
-    vertices, starts, _ = polygons
-    ends, end_starts, _, _ = points
-    rays, _, _, _, laser = beams
+    corners, starts = polygons[:2]
+    ends, end_starts, _, _, _, _ = points
+    rays, _, _, vertex_counts, laser = beams
     cell_m, half = grid_size[0], int(grid_size[1])
     grid = np.zeros((2 * half, 2 * half), np.uint8)
     drawn = -1
     for p in range(pairs.shape[0]):
         i, j = pairs[p, 0], pairs[p, 1]
         if i != drawn:
-            mine = vertices[starts[i] : starts[i + 1]]
-            draw_grid(mine, rays[laser[i]], ends[end_starts[i] : end_starts[i + 1]], cell_m, half, grid)
+            mine = corners[:2, starts[i] : starts[i] + vertex_counts[laser[i]]]
+            reaches = np.hypot(mine[0], mine[1])
+            draw_grid(reaches, rays[laser[i]], ends[end_starts[i] : end_starts[i + 1]], cell_m, half, grid)
             drawn = i
         dx, dy = lasers[j, 0] - lasers[i, 0], lasers[j, 1] - lasers[i, 1]
         ci, si, cj, sj = lasers[i, 2], lasers[i, 3], lasers[j, 2], lasers[j, 3]

@@ -1,14 +1,23 @@
 """Kernels of the pairwise measure, MC (1) and (2). Their plain twins stand in tests/reference.
 
-Scans lie end to end. ``polygons`` = (vertices, offsets, reach2): a scan's visibility polygon is a row a vertex, by
-bearing: its distance from the laser, metres, 0 where the polygon comes back to the laser, and one over the squared
-length of the side to the next vertex, (total, 2); where each scan begins, (n + 1,); the largest squared radius in each
-sector, (n, SECTORS). ``points`` = (xy, offsets, circles, circle_offsets): the end points in the laser's frame, and
-circles (x, y, radius) about every POINTS_A_CIRCLE of them. ``lasers``: (n, 4) x, y, cosine and sine of the heading in
-the map. ``beams`` = (rays, first_wedges, most_passed, counts, laser): by laser the directions of its vertices as
-unit vectors, (lasers, most, 2), all around and less than half a turn apart; the wedge, from each vertex to the next, in
-which each bin of the pseudo-angle begins, (lasers, BINS); how many rays lie in one bin at most; and the number of
-vertices; by scan its laser.
+Scans lie end to end; all are in their laser's frame unless they say map.
+
+``polygons`` = (corners, offsets, limits, group_limits, near2). A scan's visibility polygon is a column a vertex, by
+bearing: x, y, the side to the next vertex, and one over its squared length, (5, total); (0, 0) where it comes back to
+the laser. Behind the last vertex the first WINDOW follow again. ``offsets``: (n + 1,), where each scan begins.
+``limits``: float32, (n, SECTORS): nothing farther out, squared, in a sector of the pseudo-angle is in the polygon.
+``group_limits``: float32, (n, WIDE_SECTORS): nor does any group of points with its middle farther out touch it.
+``near2``: float32 does not tell the sectors of points that are nearer to the laser, squared.
+
+``points`` = (xy, offsets, groups, group_rows, group_offsets, coarse): the end points, (returns, 2), and where each
+scan's begin; groups of neighbouring ones: float32, their middles, (2, g), their first points, (g + 1,), and where each
+scan's begin; and the points once more as float32, (2, returns). ``lasers``: (n, 4) x, y, cosine and sine of the
+heading in the map.
+
+``beams`` = (rays, wedges, most_passed, counts, laser): by laser the directions of its vertices as unit vectors,
+(lasers, most, 2), all around and less than half a turn apart; the wedges, from each vertex to the next, in which each
+sector begins and ends, (lasers, SECTORS, 2); how many rays lie in one sector at most; and the number of vertices; by
+scan its laser.
 """
 
 from __future__ import annotations
@@ -18,160 +27,231 @@ import math
 import numpy as np
 from numba import njit
 
-BINS = 4096
-"""Bins of the pseudo-angle over a full turn, some 0.09 degrees each: a bearing's wedge is found in a step or two."""
+SECTORS = 1024
+"""Of the pseudo-angle over a full turn: half of all points are told to be outside by them, and the rest their wedge."""
 
-BINS_A_SECTOR = 64
-SECTORS = BINS // BINS_A_SECTOR
-"""Sectors are coarse bins: how far a polygon reaches in each tells which points can't be inside."""
+WIDE_SECTORS = 64
+"""The same for groups of points."""
 
-POINTS_A_CIRCLE = 12
-"""Neighbouring end points that are looked at together: where their circle is out of reach, all of them are."""
+GROUP, GROUP_RADIUS_M = 16, 0.4
+"""Neighbouring end points looked at together: so many at most, in a circle of this radius."""
+
+WINDOW = 2
+"""So many of its first vertices follow behind a polygon's last one: three neighbouring sides are never cut."""
+
+BLOCK = 64
+"""Pairs that are compared at a time."""
+
+ZERO, TWO, FOUR, TINY = np.float32(0.0), np.float32(2.0), np.float32(4.0), np.float32(1e-30)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def pseudo_bin(x, y):
-    """The bin of a bearing: y / (|x| + |y|), which rises with the angle, unrolled to four quarters of a turn."""
+@njit(cache=True, nogil=True)
+def sector_of(x, y, sectors):
+    """The sector of a bearing: y / (|x| + |y|), which rises with the angle, unrolled to four quarters of a turn."""
+    if x == 0.0 and y == 0.0:
+        return sectors // 2
     q = y / (abs(x) + abs(y))
     unrolled = math.copysign(2.0, y) - q if x < 0.0 else q
-    # Rounding may carry half a turn onto the end of the last bin.
-    return min(int((unrolled + 2.0) * (BINS / 4.0)), BINS - 1)
+    # Rounding may carry half a turn onto the end of the last sector.
+    return min(int((unrolled + 2.0) * (sectors / 4.0)), sectors - 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sectors_of(frame, xy, begin, end, count, sectors, squares):
+    """The sectors and squared distances from the laser of the points ``xy`` from ``begin`` to before ``end``.
+
+    ``frame`` = (x, y, cosine, sine) of their laser. Float32, and no branches: compilers make many of them at once.
+    """
+    tx, ty, c, s = frame
+    xs, ys = xy[0, begin:end], xy[1, begin:end]
+    scale, last = np.float32(count / 4.0), np.int32(count - 1)
+    for k in range(end - begin):
+        x = tx + c * xs[k] - s * ys[k]
+        y = ty + s * xs[k] + c * ys[k]
+        q = y / (abs(x) + abs(y) + TINY)
+        behind, below = np.float32(x < ZERO), np.float32(y < ZERO)
+        unrolled = q + behind * (TWO - FOUR * below - TWO * q)
+        sectors[k] = max(min(np.int32((unrolled + TWO) * scale), last), np.int32(0))
+        squares[k] = x * x + y * y
+
+
+@njit(cache=True, nogil=True)
+def room_for(points):
+    """What BLOCK pairs are compared in, worst case.
+
+    Views: who looks (2 BLOCK, 2), from where (2 BLOCK, 4), and where each one's points begin (2 BLOCK + 1,). Points:
+    their rows, sectors or wedges, places (2, most), and depths. Of one scan: sectors, squares, flags.
+    """
+    end_starts, group_starts = points[1], points[4]
+    most = 0
+    for row in range(end_starts.shape[0] - 1):
+        most = max(most, end_starts[row + 1] - end_starts[row], group_starts[row + 1] - group_starts[row])
+    # Gathering without a branch writes one place beyond the last.
+    of_all, of_one = 2 * BLOCK * most + 1, most + 1
+    views = np.empty((2 * BLOCK, 2), np.int64), np.empty((2 * BLOCK, 4)), np.zeros(2 * BLOCK + 1, np.int64)
+    found = np.empty(of_all, np.int64), np.empty(of_all, np.int64), np.empty((2, of_all)), np.empty(of_all)
+    return *views, *found, np.empty(of_one, np.int32), np.empty(of_one, np.float32), np.empty(of_one, np.bool_)
+
+
+@njit(cache=True, nogil=True)
+def look(pairs, stands, lasers, block, room):
+    """Has both scans of each pair in ``block``, rows of ``pairs`` (k, 2), look at the other; gives their number."""
+    who, frames = room[0], room[1]
+    for n in range(block.shape[0]):
+        row = block[n]
+        for side in range(2):
+            here, there = stands[row, side], stands[row, 1 - side]
+            dx, dy = lasers[there, 0] - lasers[here, 0], lasers[there, 1] - lasers[here, 1]
+            ci, si, cj, sj = lasers[here, 2], lasers[here, 3], lasers[there, 2], lasers[there, 3]
+            view = 2 * n + side
+            who[view, 0], who[view, 1] = pairs[row, side], pairs[row, 1 - side]
+            # The second's laser as the first one sees it.
+            frames[view, 0], frames[view, 1] = ci * dx + si * dy, -si * dx + ci * dy
+            frames[view, 2], frames[view, 3] = ci * cj + si * sj, ci * sj - si * cj
+    return 2 * block.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def find_near(views, polygons, points, room):
+    """The end points that the limits don't tell to be outside: their rows and sectors, view by view.
+
+    Which ones those are can't be foreseen: they are gathered without a branch.
+    """
+    limits, group_limits = polygons[2], polygons[3]
+    _, _, groups, group_rows, group_offsets, coarse = points
+    who, frames, begins, rows, places, _, _, sectors, squares, is_near = room
+    found = 0
+    for view in range(views):
+        i, j = who[view]
+        frame = (
+            np.float32(frames[view, 0]),
+            np.float32(frames[view, 1]),
+            np.float32(frames[view, 2]),
+            np.float32(frames[view, 3]),
+        )
+        first, count = group_offsets[j], group_offsets[j + 1] - group_offsets[j]
+        sectors_of(frame, groups, first, first + count, WIDE_SECTORS, sectors, squares)
+        for g in range(count):
+            is_near[g] = squares[g] < group_limits[i, sectors[g]]
+        is_near[count] = False
+        g = 0
+        while g < count:
+            if not is_near[g]:
+                g += 1
+                continue
+            begin = group_rows[first + g]
+            while is_near[g]:
+                g += 1
+            end = group_rows[first + g]
+            sectors_of(frame, coarse, begin, end, SECTORS, sectors, squares)
+            for k in range(end - begin):
+                rows[found], places[found] = begin + k, sectors[k]
+                found += int(squares[k] < limits[i, sectors[k]])
+        begins[view + 1] = found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def keep_inside(views, polygons, points, beams, room):
+    """Of these the points that lie inside, with their places in the viewer's frame and their wedges."""
+    corners, starts, near2 = polygons[0], polygons[1], polygons[4]
+    ends = points[0]
+    rays, wedges, most_passed, counts, laser = beams
+    who, frames, begins, rows, places, xy, _, _, _, _ = room
+    found, begin = 0, 0
+    for view in range(views):
+        i, end = who[view, 0], begins[view + 1]
+        mine, first = laser[i], starts[i]
+        count, passes = counts[mine], most_passed[mine]
+        tx, ty, c, s = frames[view]
+        for n in range(begin, end):
+            row = rows[n]
+            x, y = tx + c * ends[row, 0] - s * ends[row, 1], ty + s * ends[row, 0] + c * ends[row, 1]
+            sector = places[n]
+            if x * x + y * y < near2:
+                sector = sector_of(x, y, SECTORS)
+            k = int(wedges[mine, sector, 0])
+            for _ in range(passes):
+                # The next ray is passed where the point lies beyond it, within a quarter turn.
+                after = k + 1 if k + 1 < count else 0
+                ray_x, ray_y = rays[mine, after, 0], rays[mine, after, 1]
+                k += int(ray_x * y - ray_y * x >= 0.0) & int(ray_x * x + ray_y * y > 0.0)
+                k = k if k < count else 0
+            v = first + k
+            rows[found], places[found], xy[0, found], xy[1, found] = row, k, x, y
+            found += int(corners[2, v] * (y - corners[1, v]) - corners[3, v] * (x - corners[0, v]) > 0.0)
+        begin = end
+        begins[view + 1] = found
 
 
 @njit(cache=True, nogil=True, inline="always")
-def squared_distance_to_side(x, y, k, after, vertices, rays):
-    x0, y0 = vertices[k, 0] * rays[k, 0], vertices[k, 0] * rays[k, 1]
-    ex, ey = vertices[after, 0] * rays[after, 0] - x0, vertices[after, 0] * rays[after, 1] - y0
+def squared_distance(x, y, x0, y0, ex, ey, inverse):
+    """From a point to the side that leads from (x0, y0) on by (ex, ey)."""
     dx, dy = x - x0, y - y0
-    share = min(max((dx * ex + dy * ey) * vertices[k, 1], 0.0), 1.0)
+    share = min(max((dx * ex + dy * ey) * inverse, 0.0), 1.0)
     dx -= share * ex
     dy -= share * ey
     return dx * dx + dy * dy
 
 
-@njit(cache=True, nogil=True)
-def squared_depth(x, y, k, vertices, rays):
-    """The squared distance from a point inside, in wedge k, to the nearest side of the polygon ``vertices`` (count, 2).
+@njit(cache=True, nogil=True, inline="always")
+def may_be_nearer(x, y, ray_x, ray_y, nearest):
+    """Whether what lies beyond a ray may be nearer to a point, squared, than ``nearest``.
 
-    From the point's own wedge the search goes outward to both sides. Nothing beyond a ray at an angle a from the
-    point's bearing comes nearer to it than r sin(a), or r beyond a quarter turn: it ends where that is too far.
+    At an angle a to the point's bearing, nothing beyond it is nearer than r sin(a), or r beyond a quarter turn.
     """
-    count = vertices.shape[0]
-    after = k + 1 if k + 1 < count else 0
-    nearest = squared_distance_to_side(x, y, k, after, vertices, rays)
-    r2 = x * x + y * y
-    for direction in (-1, 1):
-        vertex = k if direction < 0 else after
-        for _ in range(count - 1):
-            cross = rays[vertex, 0] * y - rays[vertex, 1] * x
-            dot = rays[vertex, 0] * x + rays[vertex, 1] * y
-            if (cross * cross if dot > 0.0 else r2) >= nearest:
-                break
-            following = vertex + direction
-            if following < 0 or following == count:
-                following -= direction * count
-            side, end = (following, vertex) if direction < 0 else (vertex, following)
-            nearest = min(nearest, squared_distance_to_side(x, y, side, end, vertices, rays))
-            vertex = following
-    return nearest
+    cross = ray_x * y - ray_y * x
+    return (cross * cross if ray_x * x + ray_y * y > 0.0 else x * x + y * y) < nearest
 
 
-@njit(cache=True, nogil=True)
-def sector_reach(vertices, offsets, beams, reach2):
-    """The largest squared radius of each scan's polygon in each sector of the pseudo-angle: ``reach2`` (n, SECTORS)."""
-    _, first_wedges, _, counts, laser = beams
-    for i in range(offsets.shape[0] - 1):
-        first, count = offsets[i], counts[laser[i]]
-        if offsets[i + 1] == first:
-            continue
-        wedges = first_wedges[laser[i]]
-        for sector in range(SECTORS):
-            begin = sector * BINS_A_SECTOR
-            # The sector ends in the wedge in which the next one begins, and that ends with its second vertex.
-            k, last = int(wedges[begin]), int(wedges[(begin + BINS_A_SECTOR) % BINS])
-            steps = (last - k) % count
-            if steps == 0 and int(wedges[begin + BINS_A_SECTOR // 2]) != k:
-                steps = count
-            largest = 0.0
-            for step in range(steps + 2):
-                largest = max(largest, vertices[first + (k + step) % count, 0])
-            reach2[i, sector] = largest * largest
+@njit(cache=True, nogil=True, error_model="numpy")
+def find_depths(views, polygons, beams, room):
+    """How deep these points lie inside, metres; those at no depth are left out.
 
-
-@njit(cache=True, nogil=True)
-def may_reach(x, y, radius, reach2):
-    """Whether a polygon whose sectors reach as far as ``reach2`` can hold a point of the circle about (x, y)."""
-    d2 = x * x + y * y
-    if d2 <= radius * radius:
-        return True
-    nearest = math.sqrt(d2) - radius
-    nearest2 = nearest * nearest
-    # The two tangents from the laser to the circle.
-    tangent = math.sqrt(d2 - radius * radius)
-    right = pseudo_bin(tangent * x + radius * y, tangent * y - radius * x) // BINS_A_SECTOR
-    left = pseudo_bin(tangent * x - radius * y, tangent * y + radius * x) // BINS_A_SECTOR
-    sector = right
-    while True:
-        if reach2[sector] > nearest2:
-            return True
-        if sector == left:
-            return False
-        sector = sector + 1 if sector + 1 < SECTORS else 0
-
-
-@njit(cache=True, nogil=True)
-def depths_of_scan(i, j, here, there, polygons, points, beams, room, depths, which):
-    """The depths, metres, of scan j's end points in scan i's polygon, where they are inside; gives their number.
-
-    ``here`` and ``there``: (4,), where the two lasers stand. ``depths`` and ``which`` take the depths and the rows of
-    the points; ``room`` = (xy (most, 2), wedges (most,)) is used on the way.
+    From a point's own wedge and its two neighbours, most often enough, the search goes outward to both sides.
     """
-    vertices, starts, reach2 = polygons
-    ends, end_starts, circles, circle_starts = points
-    rays, first_wedges, most_passed, counts, laser = beams
-    inside, wedges = room
-    if starts[i + 1] == starts[i]:
-        return 0
-    count, passes = counts[laser[i]], most_passed[laser[i]]
-    my_vertices, my_reach2 = vertices[starts[i] : starts[i + 1]], reach2[i]
-    my_rays, my_wedges = rays[laser[i]], first_wedges[laser[i]]
-    # Scan j's laser as scan i's sees it.
-    dx, dy = there[0] - here[0], there[1] - here[1]
-    ci, si, cj, sj = here[2], here[3], there[2], there[3]
-    tx, ty = ci * dx + si * dy, -si * dx + ci * dy
-    c, s = ci * cj + si * sj, ci * sj - si * cj
-    found = 0
-    for b in range(circle_starts[j], circle_starts[j + 1]):
-        x, y = tx + c * circles[b, 0] - s * circles[b, 1], ty + s * circles[b, 0] + c * circles[b, 1]
-        if not may_reach(x, y, circles[b, 2], my_reach2):
-            continue
-        begin = end_starts[j] + (b - circle_starts[j]) * POINTS_A_CIRCLE
-        for row in range(begin, min(begin + POINTS_A_CIRCLE, end_starts[j + 1])):
-            x, y = tx + c * ends[row, 0] - s * ends[row, 1], ty + s * ends[row, 0] + c * ends[row, 1]
-            at_laser = x == 0.0 and y == 0.0
-            k = int(my_wedges[pseudo_bin(1.0 if at_laser else x, y)])
-            after = k + 1 if k + 1 < count else 0
-            for _ in range(passes):
-                # The next ray is passed where the point lies beyond it, within a quarter turn.
-                ray_x, ray_y = my_rays[after, 0], my_rays[after, 1]
-                passed = (ray_x * y - ray_y * x >= 0.0) & (ray_x * x + ray_y * y > 0.0)
-                k = after if passed else k
-                after = k + 1 if k + 1 < count else 0
-            x0, y0 = my_vertices[k, 0] * my_rays[k, 0], my_vertices[k, 0] * my_rays[k, 1]
-            ex, ey = my_vertices[after, 0] * my_rays[after, 0] - x0, my_vertices[after, 0] * my_rays[after, 1] - y0
-            # Nobody can foresee which points are inside: they are gathered without a branch.
-            inside[found, 0], inside[found, 1] = x, y
-            wedges[found] = k
-            which[found] = row
-            found += int(ex * (y - y0) - ey * (x - x0) > 0.0)
-    deep = 0
-    for n in range(found):
-        d2 = squared_depth(inside[n, 0], inside[n, 1], wedges[n], my_vertices, my_rays)
-        if d2 > 0.0:
-            depths[deep] = math.sqrt(d2)
-            which[deep] = which[n]
-            deep += 1
-    return deep
+    corners, starts = polygons[0], polygons[1]
+    rays, _, _, counts, laser = beams
+    who, _, begins, rows, places, xy, depths, _, _, _ = room
+    deep, begin = 0, 0
+    for view in range(views):
+        i, end = who[view, 0], begins[view + 1]
+        mine, first = laser[i], starts[i]
+        count = counts[mine]
+        for n in range(begin, end):
+            x, y, k = xy[0, n], xy[1, n], places[n]
+            left = k - 1 if k > 0 else count - 1
+            nearest = np.inf
+            for v in range(first + left, first + left + 3):
+                d2 = squared_distance(x, y, corners[0, v], corners[1, v], corners[2, v], corners[3, v], corners[4, v])
+                nearest = min(nearest, d2)
+            right = left + 3
+            right = right if right < count else right - count
+            seen = 3
+            while seen < count and may_be_nearer(x, y, rays[mine, left, 0], rays[mine, left, 1], nearest):
+                left = left - 1 if left > 0 else count - 1
+                v = first + left
+                d2 = squared_distance(x, y, corners[0, v], corners[1, v], corners[2, v], corners[3, v], corners[4, v])
+                nearest = min(nearest, d2)
+                seen += 1
+            while seen < count and may_be_nearer(x, y, rays[mine, right, 0], rays[mine, right, 1], nearest):
+                v = first + right
+                d2 = squared_distance(x, y, corners[0, v], corners[1, v], corners[2, v], corners[3, v], corners[4, v])
+                nearest = min(nearest, d2)
+                right = right + 1 if right + 1 < count else 0
+                seen += 1
+            rows[deep], depths[deep] = rows[n], math.sqrt(nearest)
+            deep += int(nearest > 0.0)
+        begin = end
+        begins[view + 1] = deep
+
+
+@njit(cache=True, nogil=True)
+def compare(pairs, stands, polygons, points, lasers, beams, block, room):
+    """The depths, metres, of both scans' end points in the other's polygon, for the pairs in ``block``."""
+    views = look(pairs, stands, lasers, block, room)
+    find_near(views, polygons, points, room)
+    keep_inside(views, polygons, points, beams, room)
+    find_depths(views, polygons, beams, room)
 
 
 @njit(cache=True, nogil=True)
@@ -206,105 +286,54 @@ def sum_without_largest(values, count, dropped):
 
 
 @njit(cache=True, nogil=True)
+def by_second(pairs, n):
+    """The rows of pairs (k, 2) of n scans by their second scan, in order otherwise (counting sort)."""
+    begins = np.zeros(n + 1, np.int64)
+    for row in range(pairs.shape[0]):
+        begins[pairs[row, 1] + 1] += 1
+    for j in range(n):
+        begins[j + 1] += begins[j]
+    order = np.empty(pairs.shape[0], np.int64)
+    for row in range(pairs.shape[0]):
+        order[begins[pairs[row, 1]]] = row
+        begins[pairs[row, 1]] += 1
+    return order
+
+
+@njit(cache=True, nogil=True)
 def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured):
     """MC (2) for pairs of scans (k, 2): ``measured`` (k, 4) takes n_ij, M_ij, and both without the largest depths.
 
     ``stands``: (k, 2), the rows of ``lasers`` where the scans of each pair stand. ``drop`` = (how many of a pair's
     largest depths are left out at least, which share of them at least).
     """
-    end_starts = points[1]
-    most = 0
-    for row in range(end_starts.shape[0] - 1):
-        most = max(most, end_starts[row + 1] - end_starts[row])
-    # Gathering without a branch writes one place beyond the last.
-    depths, which = np.empty(2 * most), np.empty(2 * most + 1, np.int64)
-    room = (np.empty((most + 1, 2)), np.empty(most + 1, np.int64))
-    for row in range(pairs.shape[0]):
-        i, j = pairs[row, 0], pairs[row, 1]
-        here, there = lasers[stands[row, 0]], lasers[stands[row, 1]]
-        n = depths_of_scan(i, j, here, there, polygons, points, beams, room, depths, which)
-        n += depths_of_scan(j, i, there, here, polygons, points, beams, room, depths[n:], which)
-        total = 0.0
-        for k in range(n):
-            total += depths[k]
-        dropped = min(n, max(int(drop[0]), math.ceil(drop[1] * n)))
-        measured[row, 0], measured[row, 1] = n, total
-        measured[row, 2], measured[row, 3] = n - dropped, sum_without_largest(depths, n, dropped)
+    room = room_for(points)
+    begins, depths = room[2], room[6]
+    # By the second scan, so that it and the few first ones of these pairs stay in the cache.
+    order = by_second(pairs, points[1].shape[0] - 1)
+    for start in range(0, order.shape[0], BLOCK):
+        block = order[start : start + BLOCK]
+        compare(pairs, stands, polygons, points, lasers, beams, block, room)
+        for n in range(block.shape[0]):
+            begin, end, total = begins[2 * n], begins[2 * n + 2], 0.0
+            for k in range(begin, end):
+                total += depths[k]
+            count = end - begin
+            dropped = min(count, max(int(drop[0]), int(math.ceil(drop[1] * count))))
+            row = block[n]
+            measured[row, 0], measured[row, 1] = count, total
+            measured[row, 2], measured[row, 3] = count - dropped, sum_without_largest(depths[begin:end], count, dropped)
 
 
 @njit(cache=True, nogil=True)
 def mark_points(pairs, least_depths, polygons, points, lasers, beams, marks):
     """Counts in ``marks``, (returns,), for each end point the pairs in which it lies at least so deep, (k,), metres."""
-    end_starts = points[1]
-    most = 0
-    for row in range(end_starts.shape[0] - 1):
-        most = max(most, end_starts[row + 1] - end_starts[row])
-    depths, which = np.empty(most), np.empty(most + 1, np.int64)
-    room = (np.empty((most + 1, 2)), np.empty(most + 1, np.int64))
-    for row in range(pairs.shape[0]):
-        for side in range(2):
-            i, j = pairs[row, side], pairs[row, 1 - side]
-            n = depths_of_scan(i, j, lasers[i], lasers[j], polygons, points, beams, room, depths, which)
-            for k in range(n):
-                if depths[k] >= least_depths[row]:
-                    marks[which[k]] += 1
-
-
-@njit(cache=True, nogil=True)
-def overlapping(i, boxes, cells, order, starts, width, found):
-    """The number of scans after i whose boxes overlap its box; ``found`` takes them, rising, where it is not empty.
-
-    ``boxes``: (n, 4) low x, low y, high x, high y. Scans are filed by the cell of their box's low corner: ``order``
-    lists them by cell (row after row of ``width`` cells), ``starts`` where each cell's begin. No box is wider than a
-    cell, so that a box that overlaps begins in one of the nine cells around.
-    """
-    count = 0
-    height = (starts.shape[0] - 1) // width
-    row, column = cells[i] // width, cells[i] % width
-    for r in range(max(row - 1, 0), min(row + 2, height)):
-        for c in range(max(column - 1, 0), min(column + 2, width)):
-            for k in range(starts[r * width + c], starts[r * width + c + 1]):
-                j = order[k]
-                if j <= i:
-                    continue
-                apart = (
-                    boxes[j, 0] > boxes[i, 2]
-                    or boxes[i, 0] > boxes[j, 2]
-                    or boxes[j, 1] > boxes[i, 3]
-                    or boxes[i, 1] > boxes[j, 3]
-                )
-                if not apart:
-                    if found.shape[0] > 0:
-                        found[count] = j
-                    count += 1
-    if found.shape[0] > 0:
-        found[:count].sort()
-    return count
-
-
-@njit(cache=True, nogil=True)
-def count_overlapping(boxes, cells, order, starts, width, counts):
-    """How many scans after it overlap each scan, ``counts`` (n,)."""
-    nowhere = np.empty(0, np.int64)
-    for i in range(boxes.shape[0]):
-        if not boxes[i, 0] > boxes[i, 2]:
-            counts[i] = overlapping(i, boxes, cells, order, starts, width, nowhere)
-
-
-@njit(cache=True, nogil=True)
-def list_overlapping(first, last, boxes, cells, grid, counts, pairs):
-    """The overlapping pairs (i, j), i < j, of the scans from ``first`` to before ``last``, in order, into ``pairs``.
-
-    ``grid`` = (order, starts, width) as in ``overlapping``.
-    """
-    order, starts, width = grid
-    filled = 0
-    for i in range(first, last):
-        if counts[i] == 0:
-            continue
-        found = np.empty(counts[i], np.int64)
-        overlapping(i, boxes, cells, order, starts, width, found)
-        for k in range(counts[i]):
-            pairs[filled, 0] = i
-            pairs[filled, 1] = found[k]
-            filled += 1
+    room = room_for(points)
+    begins, rows, depths = room[2], room[3], room[6]
+    for start in range(0, pairs.shape[0], BLOCK):
+        block = np.arange(start, min(start + BLOCK, pairs.shape[0]))
+        compare(pairs, pairs, polygons, points, lasers, beams, block, room)
+        for n in range(block.shape[0]):
+            for k in range(begins[2 * n], begins[2 * n + 2]):
+                if depths[k] >= least_depths[block[n]]:
+                    marks[rows[k]] += 1

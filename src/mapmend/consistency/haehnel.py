@@ -61,7 +61,7 @@ def log_likelihoods(views: Views, threads: int = 1, progress: Progress = no_prog
 
 def count_over_grids(views: Views, pairs: Int) -> Int:
     """End points of each pair's second scan on free and on occupied cells of its first, (k, 2); sorted by the first."""
-    reach = float(views.vertices[:, 0].max(initial=0.0))
+    reach = float(np.hypot(views.corners[0], views.corners[1]).max(initial=0.0))
     size = np.array([CELL_M, np.ceil(reach / CELL_M) + 1.0])
     counts = np.zeros((len(pairs), 2), np.int64)
     _haehnel_kernels.count_over_grids(pairs, *kernel_views(views), size, counts)

@@ -78,9 +78,10 @@ def measure_at(views: Views, pairs: Int, stands: Int, lasers: Float, drop: tuple
 def kernel_views(views: Views) -> tuple[Any, ...]:
     """Polygons, points, lasers and beams as the kernels take them."""
     beams = views.beams
+    limits = views.limits
     return (
-        (views.vertices, views.vertex_offsets, views.reach2),
-        (views.points, views.point_offsets, views.circles, views.circle_offsets),
+        (views.corners, views.corner_offsets, limits.sectors, limits.wide_sectors, limits.near2),
+        (views.points, views.point_offsets, limits.groups, limits.group_rows, limits.group_offsets, limits.points),
         views.lasers,
-        (beams.rays, beams.first_wedges, beams.most_passed, beams.counts, views.laser_of),
+        (beams.rays, beams.wedges, beams.most_passed, beams.counts, views.laser_of),
     )

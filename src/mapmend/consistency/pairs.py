@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.consistency import _kernels
+from mapmend.consistency import _overlap_kernels
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -43,7 +43,7 @@ class Overlaps:
         """The pairs of the scans from ``first`` to before ``last``, (k, 2), in order."""
         pairs = np.empty((int(self.counts[first:last].sum()), 2), np.int64)
         grid = (self.order, self.starts, self.width)
-        _kernels.list_overlapping(first, last, self.boxes, self.cells, grid, self.counts, pairs)
+        _overlap_kernels.list_overlapping(first, last, self.boxes, self.cells, grid, self.counts, pairs)
         return pairs
 
 
@@ -65,5 +65,5 @@ def find_overlaps(boxes: Float) -> Overlaps:
     which = np.flatnonzero(filled)
     order = which[np.argsort(cells[which], kind="stable")]
     starts = np.searchsorted(cells[order], np.arange(rows * columns + 1))
-    _kernels.count_overlapping(boxes, cells, order, starts, columns, counts)
+    _overlap_kernels.count_overlapping(boxes, cells, order, starts, columns, counts)
     return Overlaps(boxes, cells, order, starts, columns, counts)

@@ -12,17 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.config import ConsistencyConfig
-from mapmend.consistency import _kernels
+from mapmend.consistency import _kernels, _view_kernels
 from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import compose
 from mapmend.scan import LaserGeometry, Scans
 
 Float = NDArray[np.float64]
+Single = NDArray[np.float32]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 FULL_TURN_GAP = 1.5
 """The beams go all around where less than this many increments lie between the last one and the first."""
+
+EDGE_RAD, ROUNDING, NEAR = 1e-4, 5e-4, 0.02
+"""What float32 may do to the places of points: bearings and squared distances are off by less than these, the latter
+relative, farther than NEAR of the longest reach from the laser."""
 
 SCANS_AT_ONCE = 2048
 """Polygons are made of so many scans at a time: memory for what lies between is bounded."""
@@ -33,35 +38,47 @@ class Beams:
     """What the polygons of one laser share, by laser: see ``_kernels``. Beams are counted from right to left.
 
     ``rays``: (lasers, most, 2): the directions of the vertices, and behind them one into the middle of the blind side
-    where there is one; there the polygon comes back to the laser. ``first_wedges``: int16, (lasers, BINS).
-    ``most_passed``: (lasers,), how many rays lie in one bin at most. ``counts``: (lasers,), how many directions.
+    where there is one; there the polygon comes back to the laser. ``wedges``: int16, (lasers, SECTORS, 2), those in
+    which the two edges of a sector lie. ``most_passed``: (lasers,), how many rays lie in one sector at most.
+    ``counts``: (lasers,), how many directions.
     """
 
     rays: Float
-    first_wedges: NDArray[np.int16]
+    wedges: NDArray[np.int16]
     most_passed: Int
     counts: Int
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far polygons reach by sector, squared, and end points in groups: see ``_kernels``."""
+
+    sectors: Single
+    wide_sectors: Single
+    near2: float
+    groups: Single
+    group_rows: Int
+    group_offsets: Int
+    points: Single
 
 
 @dataclass(frozen=True)
 class Views:
     """The visibility polygons and end points of n scans in the map.
 
-    ``vertices``: (total, 2), their distances from the laser, metres, by bearing, and one over the squared length of the
-    side to the next; ``vertex_offsets``: (n + 1,). ``reach2``: (n, SECTORS), the largest squared distance by sector.
-    ``points``: (returns, 2), end points in the laser's frame; ``point_offsets``: (n + 1,); ``circles``, (c, 3), about
-    every few of them. ``lasers``: (n, 4), x, y, cosine and sine of the laser in the map. ``boxes``: (n, 4), low x, low
-    y, high x, high y of all that a scan covers in the map; low above high for a scan without beams. ``laser_of``:
-    int64, (n,), into ``beams``.
+    ``corners``: (5, total): x and y of their vertices in the laser's frame, by bearing, the side to the next, and one
+    over its squared length; behind a scan's last one its first ones follow again. ``corner_offsets``: (n + 1,).
+    ``points``: (returns, 2), end points in the laser's frame; ``point_offsets``: (n + 1,). ``limits``: what tells the
+    kernels at a glance that points lie outside. ``lasers``: (n, 4), x, y, cosine and sine of the laser in the map.
+    ``boxes``: (n, 4), low x, low y, high x, high y of all that a scan covers in the map; low above high for a scan
+    without beams. ``laser_of``: int64, (n,), into ``beams``.
     """
 
-    vertices: Float
-    vertex_offsets: Int
-    reach2: Float
+    corners: Float
+    corner_offsets: Int
     points: Float
     point_offsets: Int
-    circles: Float
-    circle_offsets: Int
+    limits: Limits
     lasers: Float
     boxes: Float
     laser_of: Int
@@ -87,38 +104,36 @@ def build_views(scans: Scans, poses: Float, config: ConsistencyConfig) -> Views:
         raise MapmendError(f"{n} scans need poses of shape ({n}, 3), got {poses.shape}")
     if not np.all(np.isfinite(poses)):
         raise MapmendError("the poses must be finite")
-    beams = _beams(scans.geometries)
+    beams = _beams([_directions(geometry) for geometry in scans.geometries])
     laser_of = scans.geometry_index.astype(np.int64)
     is_empty = np.diff(scans.offsets) == 0
-    vertex_offsets = _offsets(np.where(is_empty, 0, beams.counts[laser_of]))
-    vertices = np.zeros((int(vertex_offsets[-1]), 2))
+    # Behind a scan's last vertex the first ones come again, so that no window of sides is cut.
+    corner_offsets = _offsets(np.where(is_empty, 0, beams.counts[laser_of] + _kernels.WINDOW))
+    corners = np.zeros((5, int(corner_offsets[-1])))
     ends, is_point = np.zeros((len(scans.ranges_m), 2)), np.zeros(len(scans.ranges_m), np.bool_)
     for k, geometry in enumerate(scans.geometries):
         rows = np.flatnonzero((laser_of == k) & ~is_empty)
         rays, count = _rays(geometry), int(beams.counts[k])
+        around = np.arange(count + _kernels.WINDOW)
         for part in np.array_split(rows, -(-len(rows) // SCANS_AT_ONCE) or 1):
             readings = scans.offsets[part, None] + _beam_order(geometry)
             reach, returned = _reach(scans.ranges_m[readings], geometry, config)
             ends[readings], is_point[readings] = reach[:, :, None] * rays, returned
-            around = np.zeros((len(part), count))
+            vertices = np.zeros((len(part), count, 2))
             seen = min(count, geometry.beam_count)
-            around[:, :seen] = reach[:, :seen]
-            vertices[vertex_offsets[part, None] + np.arange(count)] = _vertices(around, beams.rays[k, :count])
+            vertices[:, :seen] = ends[readings[:, :seen]]
+            columns = corner_offsets[part, None] + around
+            for axis, values in enumerate(_sides(vertices)):
+                corners[axis, columns] = values[:, around % max(count, 1)]
     points = ends[is_point]
     point_offsets = np.concatenate(([0], np.cumsum(is_point)))[scans.offsets].astype(np.int64)
-    circles, circle_offsets = _circles(points, point_offsets)
-    reach2 = np.zeros((n, _kernels.SECTORS))
-    kernel_beams = (beams.rays, beams.first_wedges, beams.most_passed, beams.counts, laser_of)
-    _kernels.sector_reach(vertices, vertex_offsets, kernel_beams, reach2)
     lasers = _lasers(scans, poses, laser_of)
     return Views(
-        vertices=vertices,
-        vertex_offsets=vertex_offsets,
-        reach2=reach2,
+        corners=corners,
+        corner_offsets=corner_offsets,
         points=points,
         point_offsets=point_offsets,
-        circles=circles,
-        circle_offsets=circle_offsets,
+        limits=_limits((corners, corner_offsets), points, point_offsets, beams, laser_of),
         lasers=lasers,
         boxes=_boxes(lasers, ends, scans.offsets),
         laser_of=laser_of,
@@ -136,12 +151,12 @@ def _reach(ranges: NDArray[np.float32], geometry: LaserGeometry, config: Consist
     return reach, seen & (readings <= longest)
 
 
-def _vertices(reach: Float, rays: Float) -> Float:
-    """Distances (scans, count) with one over the squared lengths of the sides: (scans, count, 2)."""
-    ends = reach[:, :, None] * rays
-    length2 = np.sum((np.roll(ends, -1, axis=1) - ends) ** 2, axis=2)
+def _sides(vertices: Float) -> tuple[Float, ...]:
+    """Of vertices (scans, count, 2): x, y, the side to the next, and one over its squared length."""
+    sides = np.roll(vertices, -1, axis=1) - vertices
+    length2 = np.sum(sides**2, axis=2)
     inverse = np.divide(1.0, length2, out=np.zeros_like(length2), where=length2 > 0.0)
-    return np.stack((reach, inverse), axis=2)
+    return vertices[:, :, 0], vertices[:, :, 1], sides[:, :, 0], sides[:, :, 1], inverse
 
 
 def _beam_order(geometry: LaserGeometry) -> Int:
@@ -156,19 +171,19 @@ def _rays(geometry: LaserGeometry) -> Float:
     return np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
 
 
-def _beams(geometries: tuple[LaserGeometry, ...]) -> Beams:
-    directions = [_directions(geometry) for geometry in geometries] or [np.zeros(0)]
+def _beams(directions: list[Float]) -> Beams:
+    """``directions``: the bearings of each laser's vertices."""
+    directions = directions or [np.zeros(0)]
     most = max(len(bearings) for bearings in directions)
     rays = np.zeros((len(directions), most, 2))
-    first_wedges = np.zeros((len(directions), _kernels.BINS), np.int16)
+    wedges = np.zeros((len(directions), _kernels.SECTORS, 2), np.int16)
     for k, bearings in enumerate(directions):
         rays[k, : len(bearings)] = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
         if len(bearings):
-            first_wedges[k] = _first_wedges(bearings)
+            wedges[k] = _wedges(bearings, _sector_edges())
     counts = np.array([len(bearings) for bearings in directions], dtype=np.int64)
-    passed = (np.roll(first_wedges, -1, axis=1) - first_wedges) % np.maximum(counts, 1)[:, None]
-    # A bin begins a hair before its place: the ray there, too, lies in it.
-    return Beams(rays, first_wedges, passed.max(axis=1) + 1, counts)
+    passed = (wedges[:, :, 1] - wedges[:, :, 0]) % np.maximum(counts, 1)[:, None]
+    return Beams(rays, wedges, passed.max(axis=1).astype(np.int64), counts)
 
 
 def _directions(geometry: LaserGeometry) -> Float:
@@ -187,14 +202,24 @@ def _directions(geometry: LaserGeometry) -> Float:
     return np.append(bearings, bearings[-1] + blind / 2.0)
 
 
-def _first_wedges(bearings: Float) -> NDArray[np.int16]:
-    """The wedge between two neighbouring bearings, (count,), in which each bin of the pseudo-angle begins."""
-    q = np.arange(_kernels.BINS) * (4.0 / _kernels.BINS) - 2.0
+def _wedges(bearings: Float, angles: Float) -> NDArray[np.int16]:
+    """The wedge between two neighbouring bearings, (count,), in which each angle lies."""
+    beyond_first = (angles - bearings[0]) % (2.0 * np.pi)
+    return (np.searchsorted(bearings - bearings[0], beyond_first, side="right") - 1).astype(np.int16)
+
+
+def _sector_edges() -> Float:
+    """The angles between which each sector of the pseudo-angle lies, a hair wider: (SECTORS, 2)."""
+    begins = _begins(_kernels.SECTORS)
+    return np.stack((begins - EDGE_RAD, np.roll(begins, -1) + EDGE_RAD), axis=1)
+
+
+def _begins(sectors: int) -> Float:
+    """The angles at which sectors of the pseudo-angle begin, (sectors,)."""
+    q = np.arange(sectors) * (4.0 / sectors) - 2.0
     y = np.where(np.abs(q) <= 1.0, q, np.sign(q) * 2.0 - q)
     x = np.where(np.abs(q) <= 1.0, 1.0, -1.0) * (1.0 - np.abs(y))
-    # A hair early: rounding must never put a point before its bin.
-    beyond_first = (np.arctan2(y, x) - 1e-9 - bearings[0]) % (2.0 * np.pi)
-    return (np.searchsorted(bearings - bearings[0], beyond_first, side="right") - 1).astype(np.int16)
+    return np.arctan2(y, x)
 
 
 def _offsets(counts: Int) -> Int:
@@ -232,19 +257,42 @@ def _placed(lasers: Float, points: Float, counts: Int) -> Float:
     return np.stack((x + cos * px - sin * py, y + sin * px + cos * py), axis=1)
 
 
-def _circles(points: Float, offsets: Int) -> tuple[Float, Int]:
-    """Circles (x, y, radius) about every few neighbouring end points of a scan, (c, 3), and where each scan's begin."""
-    size = _kernels.POINTS_A_CIRCLE
-    counts = -(-np.diff(offsets) // size)
-    circle_offsets = _offsets(counts)
-    total = int(circle_offsets[-1])
-    if not total:
-        return np.zeros((0, 3)), circle_offsets
-    number = np.arange(total) - np.repeat(circle_offsets[:-1], counts)
-    begins = np.repeat(offsets[:-1], counts) + number * size
-    low, high = np.minimum.reduceat(points, begins), np.maximum.reduceat(points, begins)
-    centres = (low + high) / 2.0
-    sizes = np.diff(np.append(begins, len(points)))
-    away = np.hypot(*(points - np.repeat(centres, sizes, axis=0)).T)
-    # A hair larger: rounding must never leave a point out.
-    return np.column_stack((centres, np.maximum.reduceat(away, begins) * (1.0 + 1e-9) + 1e-9)), circle_offsets
+def _limits(polygons: tuple[Float, Int], points: Float, point_offsets: Int, beams: Beams, laser_of: Int) -> Limits:
+    """``polygons``: corners and where each scan's begin."""
+    n = len(laser_of)
+    edges = _sector_edges()
+    rays = np.stack((np.cos(edges), np.sin(edges)), axis=2).reshape(-1, 4)
+    reach2 = np.zeros((n, _kernels.SECTORS), np.float32)
+    _view_kernels.sector_reach(*polygons, beams.counts, laser_of, rays, beams.wedges, reach2)
+    longest = float(np.sqrt(reach2.max(initial=0.0)))
+    group_reach2 = np.zeros((n, _kernels.WIDE_SECTORS), np.float32)
+    radius = _kernels.GROUP_RADIUS_M + ROUNDING * longest
+    _view_kernels.group_reach(reach2, _gap_sines(_kernels.WIDE_SECTORS), radius, group_reach2)
+    middles, first_rows = np.empty((2, len(points))), np.empty(len(points) + 1, np.int64)
+    size = (_kernels.GROUP, _kernels.GROUP_RADIUS_M)
+    counts = _view_kernels.group_points(points, point_offsets, *size, middles, first_rows)
+    total = int(counts.sum())
+    first_rows[total] = len(points)
+    near2 = (NEAR * longest) ** 2
+    sees = np.diff(polygons[1])[:, None] > 0
+    return Limits(
+        sectors=np.where(sees, np.maximum(reach2 * np.float32(1.0 + ROUNDING), np.float32(near2)), np.float32(0.0)),
+        wide_sectors=np.where(
+            sees, np.maximum(group_reach2 * np.float32(1.0 + ROUNDING), np.float32(near2)), np.float32(0.0)
+        ),
+        near2=near2,
+        groups=middles[:, :total].astype(np.float32),
+        group_rows=first_rows[: total + 1].copy(),
+        group_offsets=_offsets(counts),
+        points=np.ascontiguousarray(points.T, dtype=np.float32),
+    )
+
+
+def _gap_sines(sectors: int) -> Float:
+    """The sine of the angle between any two sectors of the pseudo-angle, 1 from a quarter turn on."""
+    begin = _begins(sectors)
+    ahead = (begin[None, :] - np.roll(begin, -1)[:, None]) % (2.0 * np.pi)
+    gap = np.minimum(ahead, ahead.T)
+    apart = np.abs(np.subtract.outer(np.arange(sectors), np.arange(sectors)))
+    gap[np.minimum(apart, sectors - apart) <= 1] = 0.0
+    return np.asarray(np.sin(np.clip(gap - 2.0 * EDGE_RAD, 0.0, np.pi / 2.0)))

@@ -149,10 +149,8 @@ def view_circles(views: Views) -> Float:
     """A circle about all that each scan sees, in the laser's frame: x, y, radius, (n, 3); no scan, a radius of -1."""
     n = len(views)
     circles = np.tile((0.0, 0.0, -1.0), (n, 1))
-    rays = views.beams.rays
-    for i in np.flatnonzero(np.diff(views.vertex_offsets) > 0):
-        reach = views.vertices[views.vertex_offsets[i] : views.vertex_offsets[i + 1], 0]
-        ends = reach[:, None] * rays[views.laser_of[i], : len(reach)]
+    for i in np.flatnonzero(np.diff(views.corner_offsets) > 0):
+        ends = views.corners[:2, views.corner_offsets[i] : views.corner_offsets[i + 1]].T
         low, high = np.minimum(ends.min(axis=0), 0.0), np.maximum(ends.max(axis=0), 0.0)
         middle = (low + high) / 2.0
         far = np.hypot(*(ends - middle).T).max()
