@@ -121,7 +121,7 @@ class ConsistencyConfig:
     neighbours_m: float = 6.0  # and no farther than this: key scans lie metres apart, and drift between them
     scale_level: float = 0.05  # (10): a scan's pairs along the odometry all pass at this level
     prior_std_m: float = 0.03  # what an optimized pose may be off, added to every scale
-    least_inflation: float = 0.4  # how far a map's own pairs may narrow or widen the scales
+    least_inflation: float = 0.4  # how far the pairs of one pass may narrow or widen the scales
     most_inflation: float = 2.0
     pair_level: float = 0.01
     scan_level: float = 0.01

@@ -15,25 +15,31 @@ from numpy.typing import NDArray
 
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.measure import PairMeasures
-from mapmend.consistency.scale import HALF_NORMAL_MEAN, HALF_NORMAL_STD, implied_scale, pair_scales
+from mapmend.consistency.scale import (
+    HALF_NORMAL_MEAN,
+    HALF_NORMAL_STD,
+    OdometryMap,
+    implied_scale,
+    pair_scales,
+)
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-LOW_SHARE, HIGH_SHARE, TAIL_STEPS = 0.5, 0.8, 2.9
-"""Where a consistent map's pairs reach that one in a hundred exceeds: from their median on, so many times as far as
-their 0.8 quantile, in logarithms."""
+SAME_PASS_M, BULK, TAIL = 15.0, 0.9, 2.1
+"""What one in a hundred of all pairs exceeds in a consistent map is so many times what a tenth of those within this way
+along the odometry do. No wrong loop moves these far apart, so a wrong map does not excuse itself."""
 
 FEWEST_PAIRS = 100
-"""A map with fewer tested pairs tells nothing of their distribution."""
+"""Fewer such pairs tell nothing of their distribution."""
 
 
 @dataclass(frozen=True)
 class PairTests:
     """The tested pairs, a row each: ``pairs`` (k, 2), ``psi`` (k,) as in MC (5), ``failed`` (k,) by MC (6).
 
-    ``inflation``: the factor on all scales by which the map's own pairs narrowed or widened them.
+    ``inflation``: the factor on all scales by which the pairs of one pass narrowed or widened them.
     """
 
     pairs: Int
@@ -52,14 +58,21 @@ class ScanTests:
     failed: Bool
 
 
-def judge_pairs(measures: PairMeasures, scales: Float, config: ConsistencyConfig) -> PairTests:
-    """MC (5) and (6) for all pairs that keep enough points; ``scales``: (n,), metres."""
+def judge_pairs(
+    measures: PairMeasures, scales: Float, config: ConsistencyConfig, laid: OdometryMap | None = None
+) -> PairTests:
+    """MC (5) and (6) for all pairs that keep enough points; ``scales``: (n,), metres.
+
+    ``laid`` tells which pairs belong to one pass; without it the scales are taken as they are.
+    """
     from scipy.stats import norm
 
     enough = measures.kept >= config.min_points
     pairs, n, total = measures.pairs[enough], measures.kept[enough], measures.kept_m[enough]
     scale = pair_scales(scales, pairs, config)
-    inflation = _inflation(implied_scale(total, n, config.pair_level) / scale, config)
+    same_pass = laid.within(pairs, SAME_PASS_M) if laid else np.zeros(len(pairs), np.bool_)
+    needed = implied_scale(total[same_pass], n[same_pass], config.pair_level) / scale[same_pass]
+    inflation = _inflation(needed, config)
     psi = standardized(total, n.astype(np.float64), inflation * scale)
     return PairTests(pairs, psi, psi > norm.isf(config.pair_level), inflation)
 
@@ -70,11 +83,8 @@ def standardized(measure_m: Float, points: Float, scales: Float) -> Float:
 
 
 def _inflation(needed: Float, config: ConsistencyConfig) -> float:
-    """How wide the scales must be for the bulk of a map's pairs, whose needs are (k,), within what is allowed."""
-    if len(needed) < FEWEST_PAIRS:
-        return float(np.clip(1.0, config.least_inflation, config.most_inflation))
-    middle, high = np.maximum(np.quantile(needed, (LOW_SHARE, HIGH_SHARE)), 1e-12)
-    wanted = middle * (high / middle) ** TAIL_STEPS
+    """How wide the scales must be by what the pairs of one pass need, (k,), within what is allowed."""
+    wanted = TAIL * float(np.quantile(needed, BULK)) if len(needed) >= FEWEST_PAIRS else 1.0
     return float(np.clip(wanted, config.least_inflation, config.most_inflation))
 
 

@@ -71,14 +71,15 @@ def check(
     views = build_views(scans, graph.poses, config)
     drop = (config.drop_points, config.drop_share)
     measures = measure_pairs(views, config.min_points, drop, threads, progress)
-    pairs = judge_pairs(measures, scales, config)
+    laid = odometry_map(graph)
+    pairs = judge_pairs(measures, scales, config, laid)
     if not len(pairs.pairs):
         notes.append("no two scans see enough in common to contradict each other: nothing was tested")
     tests = judge_scans(pairs, len(graph), config)
     p_value = map_p_value(tests, config)
     points = contradicting_points(views, pairs, tests, pairs.inflation * pair_scales(scales, pairs.pairs, config))
     suspects, against = suspect_loops(
-        graph, views, odometry_map(graph), pairs.inflation * scales, config, threads=threads, progress=progress
+        graph, views, laid, pairs.inflation * scales, config, threads=threads, progress=progress
     )
     return CheckResult(
         consistent=p_value > config.map_level,

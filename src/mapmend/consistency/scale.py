@@ -57,6 +57,11 @@ class OdometryMap:
         found = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int64)
         return np.sort(found, axis=1)
 
+    def within(self, pairs: Int, reach_m: float) -> NDArray[np.bool_]:
+        """Which of the pairs (k, 2) lie in one chain and up to ``reach_m`` of way apart."""
+        i, j = pairs.T
+        return np.asarray((self.chain[i] == self.chain[j]) & (np.abs(self.way_m[i] - self.way_m[j]) <= reach_m))
+
 
 def odometry_map(graph: PoseGraph) -> OdometryMap:
     """The graph's odometry-only map; edges may be turned round, and chains may be several.
