@@ -133,9 +133,10 @@ def mounting_of(T_robot_laser: Float) -> Mounting:
     """A laser's pose in space, shape (4, 4), on the plane."""
     rotation = T_robot_laser[:3, :3]
     tilt = float(np.arccos(np.clip(abs(rotation[2, 2]), 0.0, 1.0)))
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    x, y = T_robot_laser[:2, 3].tolist()
-    return Mounting((x, y, yaw), bool(rotation[2, 2] < 0.0), tilt)
+    # Three rotations multiplied leave a rounding error; a mounting has no 13th digit.
+    x, y, yaw = np.round((*T_robot_laser[:2, 3], np.arctan2(rotation[1, 0], rotation[0, 0])), 12).tolist()
+    yaw = float(np.copysign(np.pi, yaw)) if abs(abs(yaw) - np.pi) < 1e-11 else yaw
+    return Mounting((x + 0.0, y + 0.0, yaw + 0.0), bool(rotation[2, 2] < 0.0), tilt)
 
 
 def planar(rows: Float) -> Float:
