@@ -65,7 +65,7 @@ def compare(graph: PoseGraph, nodes, chi2_tolerance: float, covariance_tolerance
     difference = result.poses - twin.poses
     difference[:, 2] = se2.wrap_angle(difference[:, 2])
     assert np.abs(difference).max() < 2e-3
-    assert result.chi2_final == pytest.approx(twin.chi2, rel=chi2_tolerance, abs=1e-9)
+    assert result.chi2_final == pytest.approx(twin.chi2, rel=chi2_tolerance, abs=1e-8)
     for node in nodes:
         assert largest_relative_difference(covariances[node], twin.covariance(node)) < covariance_tolerance
     return result.chi2_final

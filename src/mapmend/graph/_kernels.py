@@ -10,9 +10,10 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 TURN = 2.0 * np.pi
+# "contract": a product and a sum are rounded once, where the machine can.
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def linearize(
     poses: Float,
     edges: Int,

@@ -23,7 +23,7 @@ def check_numbers(graph: PoseGraph) -> None:
     _refuse_edges(graph, ~_finite(graph.measurements), "the measurement of", "is not finite")
     _refuse_edges(graph, ~_finite(graph.information), "the information of", "is not finite")
     _refuse_edges(graph, ~_symmetric(graph.information), "the information of", "is not symmetric")
-    _refuse_edges(graph, ~_positive_definite(graph.information), "the information of", "is not positive definite")
+    _refuse_edges(graph, ~positive_definite(graph.information), "the information of", "is not positive definite")
 
 
 def check_weights(graph: PoseGraph, weights: Float) -> None:
@@ -65,25 +65,31 @@ def _refuse_edges(graph: PoseGraph, bad: NDArray[np.bool_], before: str, after: 
 
 def _finite(rows: Float) -> NDArray[np.bool_]:
     """Which rows hold finite numbers only, shape (rows,)."""
+    if np.isfinite(rows).all():
+        return np.ones(len(rows), dtype=np.bool_)
     return np.asarray(np.isfinite(rows).all(axis=tuple(range(1, rows.ndim))))
 
 
 def _symmetric(matrices: Float) -> NDArray[np.bool_]:
     """Whether each of the (m, 3, 3) matrices is symmetric, up to the rounding of a file's decimals."""
+    upper, lower = matrices[:, (0, 0, 1), (1, 2, 2)], matrices[:, (1, 2, 2), (0, 0, 1)]
+    if np.array_equal(upper, lower):
+        return np.ones(len(matrices), dtype=np.bool_)
     scale = np.abs(matrices).max(axis=(1, 2), initial=0.0)
     difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2), initial=0.0)
     return np.asarray(difference <= SYMMETRY_TOLERANCE * scale)
 
 
-def _positive_definite(matrices: Float) -> NDArray[np.bool_]:
+def positive_definite(matrices: Float) -> NDArray[np.bool_]:
     """Whether each of the (m, 3, 3) matrices has positive pivots, well above the rounding of their subtraction."""
     rounding = 8.0 * np.finfo(np.float64).eps
-    a, b, c = matrices[:, 0, 0], matrices[:, 1, 0], matrices[:, 2, 0]
+    a, b, c, d, e, f = np.ascontiguousarray(matrices.reshape(-1, 9)[:, (0, 3, 6, 4, 7, 8)].T)
     with np.errstate(all="ignore"):
-        second = matrices[:, 1, 1] - b * b / a
-        mixed = matrices[:, 2, 1] - b * c / a
-        third = matrices[:, 2, 2] - c * c / a - mixed * mixed / second
-        good = (a > 0.0) & (second > rounding * matrices[:, 1, 1]) & (third > rounding * matrices[:, 2, 2])
+        first = b / a
+        second = d - b * first
+        mixed = e - c * first
+        third = f - c * c / a - mixed * mixed / second
+        good = (a > 0.0) & (second > rounding * d) & (third > rounding * f)
     return np.asarray(good)
 
 

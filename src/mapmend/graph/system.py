@@ -146,6 +146,10 @@ class System:
         """
         return self._factorize(values, damping, self._lower).solve(right_side)
 
+    def solve_again(self, right_side: Float) -> Float:
+        """``H^-1 b`` by the factor that the last ``solve`` made."""
+        return Factorization(self.elimination, self._lower, self.unknowns).solve(right_side)
+
     def _factorize(self, values: Float, damping: float, lower: Float) -> Factorization:
         from mapmend.graph import _factor_kernels
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from mapmend.errors import InputError
+from mapmend.graph.checks import positive_definite
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io._decimals import Bool, Float, Int, parse, tokenize
+from mapmend.io._decimals import Float, Int, parse, tokenize
 from mapmend.io.laser_lines import FARTHEST_M, ROBOTLASER, LaserRows, concatenate, explain, parse_laser_lines
 from mapmend.io.laser_scans import EXACT_MARK, Channel, build_scans, constant_mounting, exact_angles
 from mapmend.scan import LaserGeometry, Scans
@@ -179,28 +180,11 @@ def _edges(content: _Content, finder: _Finder, path: str | Path) -> tuple[Int, F
     toro = np.array(content.is_toro)
     six = np.where(toro[:, None], values[:, 5:][:, _TORO_ORDER], values[:, 5:][:, _G2O_ORDER])
     information = six[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-    bad = ~_positive_definite(information)
+    bad = ~positive_definite(information)
     if bad.any():
         what = "the information matrix is not positive definite"
         raise InputError(path, what, "check its order and its entries", lines.numbers[int(np.argmax(bad))])
     return edges, values[:, 2:5].copy(), information
-
-
-def _positive_definite(matrices: Float) -> Bool:
-    """Which of the matrices, shape (m, 3, 3), have a Cholesky factor."""
-    try:
-        np.linalg.cholesky(matrices)
-    except np.linalg.LinAlgError:
-        return np.array([_has_cholesky(matrix) for matrix in matrices], np.bool_)
-    return np.ones(len(matrices), np.bool_)
-
-
-def _has_cholesky(matrix: Float) -> bool:
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 def _fixed(content: _Content, finder: _Finder, path: str | Path) -> list[int]:
