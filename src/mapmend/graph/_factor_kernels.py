@@ -6,7 +6,7 @@ columns: ``panel[c * height + r]`` in scalars, its diagonal entries by their inv
 the rows below, its *update*, goes to the parent: the multifrontal method (Duff and Reid 1983; Liu 1992).
 
 Indices are unsigned: of a signed one Numba asks at each access whether it counts from the end, and the loops are not
-vectorized then (M3500: 1.8 ms against 1.0 ms).
+vectorized then (M3500: 1.8 ms against 1.0 ms). The products are those of ``_tile_kernels``.
 """
 
 from __future__ import annotations
@@ -14,53 +14,33 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mapmend.graph._tile_kernels import SHORT, TALL, subtract_short, subtract_tall
 from mapmend.graph.elimination import Fronts
 from mapmend.graph.pose_graph import Float, Int
 
 NOWHERE = np.uint64(2**64 - 1)
-FEW = np.uint64(15)
+TALL_TILE, SHORT_TILE = np.uint64(TALL), np.uint64(SHORT)
+# Rows of a front that are taken together, and columns of a panel: what is read again is still in the cache.
+STRIP, WIDE = np.uint64(96), np.uint64(48)
 ZERO, ONE, TWO, THREE, FOUR, FIVE, SIX, EIGHT, NINE = (np.uint64(k) for k in (0, 1, 2, 3, 4, 5, 6, 8, 9))
 
 
 @njit(cache=True, nogil=True)
-def subtract_product(target, to, panel, p, q, step, columns, rows):
-    """``target[to + r] -= sum_c panel[p + c * step + r] * panel[q + c * step]`` for r in ``range(rows)``."""
-    rest = columns
-    while rest >= SIX:
-        p1, p2, p3 = p + step, p + TWO * step, p + THREE * step
-        p4, p5 = p2 + TWO * step, p3 + TWO * step
-        f0, f1, f2 = panel[q], panel[q + step], panel[q + TWO * step]
-        q += THREE * step
-        f3, f4, f5 = panel[q], panel[q + step], panel[q + TWO * step]
-        for r in range(rows):
-            target[to + r] -= (
-                panel[p + r] * f0
-                + panel[p1 + r] * f1
-                + panel[p2 + r] * f2
-                + panel[p3 + r] * f3
-                + panel[p4 + r] * f4
-                + panel[p5 + r] * f5
-            )
-        p, q = p5 + step, q + THREE * step
-        rest -= SIX
-    if rest > ZERO:
-        p1, p2 = p + step, p + TWO * step
-        f0, f1, f2 = panel[q], panel[q + step], panel[q + TWO * step]
-        for r in range(rows):
-            target[to + r] -= panel[p + r] * f0 + panel[p1 + r] * f1 + panel[p2 + r] * f2
-
-
-@njit(cache=True, nogil=True)
 def subtract_blocks(target, to, pitch, panel, p, q, step, columns, rows):
-    """``subtract_product`` of three columns, ``pitch`` apart in the target, whose factors are one below the other.
+    """``target[to + c * pitch + r] -= sum_k panel[p + k * step + r] * panel[q + k * step + c]`` for three columns c.
 
-    Few rows are taken three by three, in nine sums that stay in registers, for loops of a few rows cost more than the
-    products.
+    In tiles whose sums stay in registers; the last rows three by three, in nine sums.
     """
-    if rows > FEW:
-        for c in range(THREE):
-            subtract_product(target, to + c * pitch, panel, p, q + c, step, columns, rows)
-        return
+    while rows >= TALL_TILE:
+        subtract_tall(target, to, pitch, panel, p, q, step, columns)
+        to += TALL_TILE
+        p += TALL_TILE
+        rows -= TALL_TILE
+    if rows >= SHORT_TILE:
+        subtract_short(target, to, pitch, panel, p, q, step, columns)
+        to += SHORT_TILE
+        p += SHORT_TILE
+        rows -= SHORT_TILE
     t1, t2 = to + pitch, to + TWO * pitch
     for r in range(ZERO, rows, THREE):
         s00, s10, s20, s01, s11, s21, s02, s12, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -115,13 +95,38 @@ def add_update(work, p, in_parent, first, end, lower, panel, update, own, below)
         p += THREE
 
 
+@njit(cache=True, nogil=True)
+def subtract_square(target, to, size, panel, p, step, columns):
+    """A square's lower triangle, ``size`` rows from ``panel[p]`` on times themselves, less from ``target[to]`` on."""
+    for strip in range(ZERO, size, STRIP):
+        end = min(strip + STRIP, size)
+        for c in range(ZERO, end, THREE):
+            r = max(strip, c)
+            subtract_blocks(target, to + c * size + r, size, panel, p + r, p + c, step, columns, end - r)
+
+
+@njit(cache=True, nogil=True)
+def bring_up(lower, panel, k, own, height):
+    """Takes the columns before k of a panel from the next ones, as many as are taken together."""
+    last = min(k + WIDE, own)
+    for strip in range(k, height, STRIP):
+        end = min(strip + STRIP, height)
+        for c in range(k, min(last, end), THREE):
+            r = max(strip, c)
+            subtract_blocks(lower, panel + c * height + r, height, lower, panel + r, panel + c, height, k, end - r)
+
+
 @njit(cache=True, nogil=True, inline="always")
 def eliminate(values, q, smallest, lower, panel, own, height):
     """Factorizes the panel; how many of its scalar columns had a pivot large enough."""
-    k, p = ZERO, panel
+    k, p, first = ZERO, panel, ZERO
     while k < own:
-        if k > ZERO:
-            subtract_blocks(lower, p, height, lower, panel + k, panel + k, height, k, height - k)
+        if k == first + WIDE:
+            first = k
+            bring_up(lower, panel, k, own, height)
+        if k > first:
+            a = panel + first * height + k
+            subtract_blocks(lower, p, height, lower, a, a, height, k - first, height - k)
         p1, p2 = p + height, p + TWO * height
         if not lower[p] > smallest * values[q]:
             return k
@@ -186,9 +191,7 @@ def factorize(values: Float, scale: float, smallest: float, fronts: Fronts, lowe
         done = eliminate(values, NINE * first, smallest * scale, lower, panel, own, height)
         if done < own:
             return np.int64(first + done // THREE)
-        for c in range(ZERO, below, THREE):
-            a = panel + own + c
-            subtract_blocks(work, update + c * (below + ONE), below, lower, a, a, height, own, below - c)
+        subtract_square(work, update, below, lower, panel + own, height, own)
     return np.int64(-1)
 
 

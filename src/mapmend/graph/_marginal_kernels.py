@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mapmend.graph._factor_kernels import NOWHERE, ONE, THREE, TWO, ZERO, subtract_product
+from mapmend.graph._factor_kernels import NOWHERE, ONE, THREE, TWO, ZERO, subtract_blocks
 from mapmend.graph.elimination import Fronts
 from mapmend.graph.pose_graph import Float
 
@@ -33,7 +33,7 @@ def extend(front, height, k, lower, p):
     for c in range(THREE):
         to = below + c * height
         front[to : to + rows] = 0.0
-        subtract_product(front, to, front, right + THREE, right + c, height, rows, rows)
+    subtract_blocks(front, below, height, front, right + THREE, right, height, rows, rows)
     # The inverse of L_kk, and of L_kk L_kk^T.
     j10 = -l10 * i00 * i11
     j21 = -l21 * i11 * i22
