@@ -1,4 +1,5 @@
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ from hypothesis import given, settings
 
 from mapmend.errors import InputError
 from mapmend.graph.pose_graph import PoseGraph
+from mapmend.io import graph_lines
 from mapmend.io.g2o import read_g2o, write_g2o
 from mapmend.io.graph_lines import parse_graph
 from mapmend.io.toro import read_toro, write_toro
@@ -52,7 +54,7 @@ def test_stream_gets_what_the_file_gets(tmp_path):
     write_g2o(tmp_path / "g.g2o", graph)
     write_g2o(stream, graph)
     assert stream.getvalue() == (tmp_path / "g.g2o").read_text()
-    words = [line.split()[0] for line in stream.getvalue().splitlines()[1:5]]
+    words = [line.split()[0] for line in stream.getvalue().splitlines()[:4]]
     assert words == ["VERTEX_SE2", "ROBOTLASER1"] * 2
 
 
@@ -66,7 +68,7 @@ def test_orders_of_the_information_matrix():
 
 def test_toro_writes_its_own_words(tmp_path):
     write_toro(tmp_path / "g.toro", read("VERTEX2 0 0 0 0\nVERTEX2 1 1 0 0\nEDGE2 0 1 1 0 0 5 0.1 6 7 0.2 0.3\n"))
-    assert (tmp_path / "g.toro").read_text().splitlines()[-1] == "EDGE2 0 1 1.0 0.0 0.0 5.0 0.1 6.0 7.0 0.2 0.3"
+    assert (tmp_path / "g.toro").read_text().splitlines()[2] == "EDGE2 0 1 1.0 0.0 0.0 5.0 0.1 6.0 7.0 0.2 0.3"
 
 
 def test_backward_edges_comments_exponents_and_windows_line_ends():
@@ -159,3 +161,54 @@ def test_real_graph(name, tmp_path):
         assert graph.scans.ranges_m[np.isfinite(graph.scans.ranges_m)].max() < 50.0
     write_g2o(tmp_path / "graph.g2o", graph)
     assert_same_graph(read_g2o(tmp_path / "graph.g2o"), graph)
+
+
+ODD = (
+    "VERTEX_SE2 0 0 0 0\n\nVERTEX_SE2 1 1 0 0\n",
+    "VERTEX_SE2 0 0 0 0 # the first\n",
+    "VERTEX_SE2 0 0 0 nan\n",
+    "VERTEX_SE2 0 0 0 1e400\n",
+    "VERTEX_SE2 0 0 0\n",
+    "VERTEX_SE2 0 0 0 0\nVERTEX2 1 1 0 0\n",
+    "FIX 0 0 0 0\nVERTEX_SE2 0 0 0 0\n",
+)
+
+
+@pytest.mark.parametrize("text", ODD)
+def test_what_is_odd_is_read_line_by_line(text):
+    assert graph_lines._vertices_and_edges(text.encode()) is None
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r\n", ""])
+@pytest.mark.parametrize(
+    "words", [("VERTEX_SE2", "EDGE_SE2", "55 1 2 66 3 77"), ("VERTEX2", "EDGE2", "55 1 66 77 2 3")]
+)
+def test_read_at_once_or_line_by_line_a_graph_is_the_same(words, ends, monkeypatch):
+    vertex, edge, information = words
+    lines = [f"{vertex} 5 0.25 -1e-3 3.1", f"{vertex} 7 1 0.12345678901234567 -2", f"{vertex}  9 2 0 0"]
+    lines += [f"{edge} 5 7 1 0 0.1 {information}", f"{edge} 9 7 1 .5 -0.1 {information}"]
+    data = ((ends or "\n").join(lines) + ends).encode()
+    assert graph_lines._vertices_and_edges(data) is not None
+    at_once = graph_lines.parse_graph(data, "graph")
+    monkeypatch.setattr(graph_lines, "_vertices_and_edges", lambda data: None)
+    by_line = graph_lines.parse_graph(data, "graph")
+    for name in ("poses", "ids", "edges", "measurements", "information", "is_loop"):
+        np.testing.assert_array_equal(getattr(at_once, name), getattr(by_line, name))
+
+
+def test_our_graphs_are_whole_to_readers_that_stop_at_a_comment():
+    """GTSAM's reader takes no edge behind a line that it does not know; scans do not disturb it."""
+    graph = replace(short_graph(), fixed=(1,), is_loop=~short_graph().is_loop)
+    stream = io.StringIO()
+    write_g2o(stream, graph)
+    words = [line.split()[0] for line in stream.getvalue().splitlines()]
+    last_edge = len(words) - 1 - words[::-1].index("EDGE_SE2")
+    assert set(words[: last_edge + 1]) <= {"VERTEX_SE2", "ROBOTLASER1", "EDGE_SE2"}
+    assert_same_graph(read(stream.getvalue()), graph)
+
+
+def test_sections_of_our_older_files_are_still_read():
+    text = "# mapmend: maximum ranges are exact\n" + "".join(f"VERTEX_SE2 {k} {k} 0 0\n" for k in range(3))
+    text += "#SEQUENTIAL EDGES\nEDGE_SE2 0 1 1 0 0 44 0 0 44 0 44\nEDGE_SE2 0 2 2 0 0 44 0 0 44 0 44\n"
+    text += "#LOOP EDGES\nEDGE_SE2 1 2 1 0 0 44 0 0 44 0 44\n"
+    assert read(text).is_loop.tolist() == [False, False, True]

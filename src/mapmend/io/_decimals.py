@@ -60,13 +60,16 @@ class Tokens:
 
 def tokenize(lines: list[bytes]) -> Tokens:
     """Where the words of the lines lie; any byte up to the blank separates them."""
-    buffer = np.frombuffer(b" " * _PAD + b"\n".join(lines) + b"\n", np.uint8)
+    return tokenize_text(b"\n".join(lines) + b"\n")
+
+
+def tokenize_text(text: bytes) -> Tokens:
+    """The same for lines that stand in one text, each with its end."""
+    buffer = np.frombuffer(b" " * _PAD + text, np.uint8)
     blank = buffer <= 32
     change = np.flatnonzero(blank[1:] != blank[:-1]) + 1
     starts, ends = change[0::2], change[1::2]
-    lengths = np.fromiter(map(len, lines), np.int64, len(lines))
-    line_ends = _PAD + np.cumsum(lengths + 1)
-    first = np.concatenate(([0], np.searchsorted(starts, line_ends)))
+    first = np.concatenate(([0], np.searchsorted(starts, np.flatnonzero(buffer == ord("\n")))))
     return Tokens(buffer, starts, ends, first)
 
 

@@ -10,13 +10,15 @@ import numpy as np
 from mapmend.errors import InputError
 from mapmend.graph.checks import positive_definite
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io._decimals import Float, Int, parse, tokenize
+from mapmend.io._decimals import Bool, Float, Int, Tokens, parse, tokenize, tokenize_text
 from mapmend.io.laser_lines import FARTHEST_M, ROBOTLASER, LaserRows, concatenate, explain, parse_laser_lines
 from mapmend.io.laser_scans import EXACT_MARK, Channel, build_scans, constant_mounting, exact_angles
 from mapmend.scan import LaserGeometry, Scans
 
 MEND = "repair the line"
 SEQUENTIAL_MARK, LOOP_MARK = b"#SEQUENTIAL EDGES", b"#LOOP EDGES"
+# Which edges, counted from 0, are loops though their ids do not say so, or the other way round.
+OTHERWISE_MARK = b"# mapmend: edges that are loops or odometry against their ids: "
 VERTEX_TAGS = (b"VERTEX_SE2", b"VERTEX2")
 EDGE_TAGS = (b"EDGE_SE2", b"EDGE2")
 
@@ -31,10 +33,11 @@ _G2O_ORDER, _TORO_ORDER = (0, 1, 2, 3, 4, 5), (0, 1, 4, 2, 5, 3)
 
 @dataclass
 class _Lines:
-    """Lines of one kind: the text after the keyword, and the line number."""
+    """Lines of one kind: the text after the keyword, and the line number; or the numbers in all texts together."""
 
     texts: list[bytes] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
+    values: Float | None = None
 
     def add(self, text: bytes, number: int) -> None:
         self.texts.append(text)
@@ -51,6 +54,7 @@ class _Content:
     lasers: _Lines = field(default_factory=_Lines)
     laser_channel: list[int] = field(default_factory=list)
     laser_vertex: list[int] = field(default_factory=list)  # which vertex line it follows
+    otherwise: _Lines = field(default_factory=_Lines)
     exact: bool = False
     sections: bool = False
 
@@ -59,21 +63,57 @@ def parse_graph(data: bytes, path: str | Path) -> PoseGraph:
     """The pose graph in a g2o or TORO file already read; ``path`` is for messages. Raises InputError."""
     if not data or data.isspace():
         raise InputError(path, "the file is empty", "name a pose graph")
-    content = _sort_lines(data, path)
-    if not content.vertices.texts:
+    content = _vertices_and_edges(data) or _sort_lines(data, path)
+    if not content.vertices.numbers:
         raise InputError(path, "no 2D vertices (VERTEX_SE2 or VERTEX2 lines)", "name a 2D pose graph")
     vertices = _fields(content.vertices, _VERTEX_FIELDS, path)
     ids = _whole(vertices[:, 0], content.vertices, path)
     finder = _Finder(ids, content.vertices, path)
     edges, measurements, information = _edges(content, finder, path)
-    is_loop = (np.abs(ids[edges[:, 0]] - ids[edges[:, 1]]) != 1) & (np.abs(edges[:, 0] - edges[:, 1]) != 1)
+    is_loop = loops_by_ids(ids, edges)
     if content.exact and content.sections:
         is_loop = np.array(content.in_loop_section, np.bool_)
+    otherwise = _otherwise(content, len(edges), path)
+    is_loop[otherwise] = ~is_loop[otherwise]
     scans, stamps = _scans(content, len(ids), path)
     fixed: tuple[int, ...] = (0,)
     if content.fixes.texts:
         fixed = tuple(sorted(set(_fixed(content, finder, path))))
     return PoseGraph(vertices[:, 1:].copy(), ids, edges, measurements, information, is_loop, scans, stamps, fixed)
+
+
+def _vertices_and_edges(data: bytes) -> _Content | None:
+    """A file of vertices and edges alone, as most public graphs are, all of it at once; None where anything is odd.
+
+    What is odd is told by the line: that is left to those who read line by line.
+    """
+    tokens = tokenize_text(data if data.endswith(b"\n") else data + b"\n")
+    counts = tokens.counts()
+    is_vertex, is_edge = counts == 1 + len(_VERTEX_FIELDS), counts == 1 + len(_EDGE_FIELDS)
+    if not (is_vertex | is_edge).all():
+        return None
+    for toro, tags in enumerate(zip(VERTEX_TAGS, EDGE_TAGS, strict=True)):
+        if all(_have_keyword(tokens, which, tag) for which, tag in zip((is_vertex, is_edge), tags, strict=True)):
+            lines = [_Lines(numbers=(1 + np.flatnonzero(which)).tolist()) for which in (is_vertex, is_edge)]
+            for kind, which, names in zip(lines, (is_vertex, is_edge), (_VERTEX_FIELDS, _EDGE_FIELDS), strict=True):
+                is_number = np.repeat(which, counts)
+                is_number[tokens.first[:-1]] = False
+                values, valid = parse(tokens, np.flatnonzero(is_number))
+                if not (valid.all() and np.isfinite(values).all()):
+                    return None
+                kind.values = values.reshape(-1, len(names))
+            edges = len(lines[1].numbers)
+            return _Content(lines[0], lines[1], [bool(toro)] * edges, [False] * edges)
+    return None
+
+
+def _have_keyword(tokens: Tokens, which: Bool, word: bytes) -> bool:
+    """Whether the lines, bool of shape (rows,), begin with that word."""
+    begin = tokens.first[:-1][which]
+    starts = tokens.starts[begin]
+    if (tokens.ends[begin] - starts != len(word)).any():
+        return False
+    return all((tokens.buffer[starts + k] == character).all() for k, character in enumerate(word))
 
 
 def _sort_lines(data: bytes, path: str | Path) -> _Content:
@@ -104,6 +144,8 @@ def _sort_lines(data: bytes, path: str | Path) -> _Content:
             content.fixes.add(text, number)
         elif line.startswith(EXACT_MARK):
             content.exact = True
+        elif line.startswith(OTHERWISE_MARK):
+            content.otherwise.add(line[len(OTHERWISE_MARK) :], number)
         elif line.startswith((SEQUENTIAL_MARK, LOOP_MARK)):
             in_loops, content.sections = line.startswith(LOOP_MARK), True
     return content
@@ -111,6 +153,16 @@ def _sort_lines(data: bytes, path: str | Path) -> _Content:
 
 def _fields(lines: _Lines, names: tuple[str, ...], path: str | Path) -> Float:
     """The numbers of lines that all have the same fields, shape (k, fields)."""
+    rows = _parsed(lines, names, path) if lines.values is None else lines.values
+    far = (np.abs(rows[:, :5]) > FARTHEST_M).any(axis=1) if len(names) > 1 else np.zeros(len(rows), np.bool_)
+    if far.any():
+        what = f"a number beyond {FARTHEST_M:g} is no id, place or angle"
+        raise InputError(path, what, MEND, lines.numbers[int(np.argmax(far))])
+    return rows
+
+
+def _parsed(lines: _Lines, names: tuple[str, ...], path: str | Path) -> Float:
+    """The same out of their texts."""
     tokens = tokenize(lines.texts)
     counts = tokens.counts()
     wrong = counts != len(names)
@@ -125,12 +177,7 @@ def _fields(lines: _Lines, names: tuple[str, ...], path: str | Path) -> Float:
         word = ascii(tokens.text(k)[:24].decode("latin-1"))
         what = f"{names[k % len(names)]} is {word}, not a finite number"
         raise InputError(path, what, MEND, lines.numbers[k // len(names)])
-    rows = values.reshape(-1, len(names))
-    far = (np.abs(rows[:, :5]) > FARTHEST_M).any(axis=1) if len(names) > 1 else np.zeros(len(rows), np.bool_)
-    if far.any():
-        what = f"a number beyond {FARTHEST_M:g} is no id, place or angle"
-        raise InputError(path, what, MEND, lines.numbers[int(np.argmax(far))])
-    return rows
+    return values.reshape(-1, len(names))
 
 
 def _whole(values: Float, lines: _Lines, path: str | Path) -> Int:
@@ -168,7 +215,7 @@ class _Finder:
 def _edges(content: _Content, finder: _Finder, path: str | Path) -> tuple[Int, Float, Float]:
     """Rows joined, measurements and information matrices."""
     lines = content.edges
-    if not lines.texts:
+    if not lines.numbers:
         return np.zeros((0, 2), np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
     values = _fields(lines, _EDGE_FIELDS, path)
     named = np.column_stack([_whole(values[:, k], lines, path) for k in (0, 1)])
@@ -185,6 +232,27 @@ def _edges(content: _Content, finder: _Finder, path: str | Path) -> tuple[Int, F
         what = "the information matrix is not positive definite"
         raise InputError(path, what, "check its order and its entries", lines.numbers[int(np.argmax(bad))])
     return edges, values[:, 2:5].copy(), information
+
+
+def loops_by_ids(ids: Int, edges: Int) -> Bool:
+    """Which edges are loops unless a file says otherwise: neither of consecutive ids nor of neighbours in the file."""
+    return (np.abs(ids[edges[:, 0]] - ids[edges[:, 1]]) != 1) & (np.abs(edges[:, 0] - edges[:, 1]) != 1)
+
+
+def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
+    """The edges that our own mark names."""
+    named = _Lines()
+    for text, number in zip(content.otherwise.texts, content.otherwise.numbers, strict=True):
+        for word in text.split():
+            named.add(word, number)
+    if not named.texts:
+        return np.zeros(0, np.int64)
+    rows = _fields(named, ("edge",), path)[:, 0]
+    wrong = (rows != np.floor(rows)) | (rows < 0) | (rows >= edges)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise InputError(path, f"there is no edge {rows[k]:g}, the first is 0", "remove the line", named.numbers[k])
+    return rows.astype(np.int64)
 
 
 def _fixed(content: _Content, finder: _Finder, path: str | Path) -> list[int]:

@@ -8,8 +8,7 @@ from typing import IO
 import numpy as np
 
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io._decimals import Bool, Int
-from mapmend.io.graph_lines import LOOP_MARK, SEQUENTIAL_MARK
+from mapmend.io.graph_lines import OTHERWISE_MARK, loops_by_ids
 from mapmend.io.laser_scans import EXACT_MARK
 from mapmend.io.laser_text import numbers, robot_laser_lines
 from mapmend.io.output import write_whole
@@ -29,33 +28,26 @@ def write_graph(target: str | Path | IO[str], graph: PoseGraph, words: tuple[str
 
 
 def graph_text(graph: PoseGraph, words: tuple[str, str, tuple[int, ...]]) -> bytes:
-    """The file's content: vertices each followed by its scan, then the edges, all to the last bit."""
+    """The file's content: vertices each followed by its scan, then the edges, all to the last bit; marks last."""
     vertex_word, edge_word, order = words
-    lines = [EXACT_MARK]
+    lines = []
     scan_lines = _scan_lines(graph)
     ids = graph.ids.tolist()
     for k, pose in enumerate(graph.poses):
         lines.append(f"{vertex_word} {ids[k]} {numbers(pose)}".encode())
         if k in scan_lines:
             lines.append(scan_lines[k])
+    information = graph.information.reshape(-1, 9)[:, order]
+    for (i, j), z, six in zip(graph.ids[graph.edges].tolist(), graph.measurements, information, strict=True):
+        lines.append(f"{edge_word} {i} {j} {numbers(z)} {numbers(six)}".encode())
+    # Other readers stop at what they do not know: GTSAM's takes no edge behind it.
     if graph.fixed and graph.fixed != (0,):
         lines += [f"FIX {ids[k]}".encode() for k in graph.fixed]
-    in_loops: bool | None = None
-    sections = not np.array_equal(_loops_by_ids(graph), graph.is_loop)
-    information = graph.information.reshape(-1, 9)[:, order]
-    named = graph.ids[graph.edges].tolist()
-    for (i, j), loop, z, six in zip(named, graph.is_loop.tolist(), graph.measurements, information, strict=True):
-        if sections and loop is not in_loops:
-            in_loops = loop
-            lines.append(LOOP_MARK if loop else SEQUENTIAL_MARK)
-        lines.append(f"{edge_word} {i} {j} {numbers(z)} {numbers(six)}".encode())
+    lines.append(EXACT_MARK)
+    otherwise = np.flatnonzero(loops_by_ids(graph.ids, graph.edges) != graph.is_loop)
+    if len(otherwise):
+        lines.append(OTHERWISE_MARK + b" ".join(b"%d" % k for k in otherwise.tolist()))
     return b"\n".join(lines) + b"\n"
-
-
-def _loops_by_ids(graph: PoseGraph) -> Bool:
-    """What a reader takes for loops without being told."""
-    ids: Int = graph.ids[graph.edges]
-    return (np.abs(ids[:, 0] - ids[:, 1]) != 1) & (np.abs(graph.edges[:, 0] - graph.edges[:, 1]) != 1)
 
 
 def _scan_lines(graph: PoseGraph) -> dict[int, bytes]:
