@@ -56,9 +56,11 @@ def test_gauss_newton_factorizes_for_every_step(factorizations):
     assert len(factorizations) == 7
 
 
-def test_large_residuals_do_not_keep_bicocca_from_converging():
+@pytest.mark.parametrize(("start", "optimum"), [("given", 159_252.61), ("chordal", 164_574.01)])
+def test_large_residuals_do_not_keep_bicocca_from_converging(start, optimum):
+    """GTSAM 4.3's Levenberg-Marquardt, run to its end, comes to 173,532 and 169,123, in 209 and 166 iterations."""
     graph = read_public_graph("bicocca25b_0.000")
-    result = optimize(graph.with_poses(starting_poses(graph, "chordal")))
+    result = optimize(graph.with_poses(starting_poses(graph, start)))
     assert result.converged
     assert result.iterations < 90
-    assert result.chi2_final < 164_574.01
+    assert result.chi2_final < optimum

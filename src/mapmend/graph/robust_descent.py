@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.graph.descent import Descent
+from mapmend.graph.descent import LEAST_DAMPING, Descent
 from mapmend.graph.pose_graph import Float, PoseGraph
 from mapmend.graph.robust import Kernel, Switchable
 from mapmend.graph.system import Linearization, System
@@ -15,6 +15,8 @@ from mapmend.graph.system import Linearization, System
 
 class KernelDescent(Descent):
     """Some edges cost ``rho(c)`` and weigh ``w(c)``: iteratively reweighted least squares."""
+
+    first_damping = LEAST_DAMPING
 
     def __init__(
         self, system: System, graph: PoseGraph, information: Float, kernel: Kernel, doubted: NDArray[np.bool_]
@@ -81,6 +83,8 @@ class SwitchDescent(Descent):
     information ``s^2 (Omega - r r^T / (c + Xi))`` in H and the gradient ``s Xi / (c + Xi) J^T r``. The pattern remains
     that of the graph, and once the poses' step is known, each switch's own follows from it.
     """
+
+    first_damping = LEAST_DAMPING
 
     def __init__(
         self, system: System, graph: PoseGraph, information: Float, kernel: Switchable, doubted: NDArray[np.bool_]
