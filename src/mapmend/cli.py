@@ -142,6 +142,12 @@ def _add_map(commands: Commands) -> None:
         "odometry: as the log says; gmapping: a particle filter",
     )
     command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
+    command.add_argument(
+        "--robust",
+        choices=("none", "auto"),
+        default="none",
+        help="auto: at the end, choose by the scans how far loops are doubted, as tune does (default: none)",
+    )
     command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")
     command.add_argument("--seed", type=_whole, metavar="N", help="seed of hypotheses and particles (default: 0)")
     command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")

@@ -98,6 +98,7 @@ class LoopConfig:
     confirm_m: float = 0.2
     confirm_rad: float = 0.05
     tie_weight: float = 0.03
+    tune: bool = False  # let the scans say which loops count (MC section V): --robust auto
 
 
 @dataclass(frozen=True)

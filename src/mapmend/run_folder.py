@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from mapmend.io.nav2 import write_map
 from mapmend.io.output import RUN_FILE, whole_or_nothing, write_whole
 from mapmend.io.tum import write_tum
 from mapmend.slam import MapResult, stage
+
+if TYPE_CHECKING:
+    from mapmend.tuning.dcs import TuneResult
 
 
 def write_run(
@@ -57,7 +60,22 @@ def run_page(result: MapResult, source: str = "") -> dict[str, Any]:
         "path_m": path_length_m(result.trajectory.poses),
         "extent_m": np.ptp(result.trajectory.poses[:, :2], axis=0).tolist(),
         "map": {"rows": rows, "columns": columns, "resolution_m": result.occupancy.resolution_m},
+        "tuning": _tuning(result.tuning),
         "alignment": None if result.alignment is None else asdict(result.alignment),
         "configuration": to_dict(result.config),
         "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
+    }
+
+
+def _tuning(result: TuneResult | None) -> dict[str, Any] | None:
+    """How the loops were weighed, and whether the map came out consistent."""
+    if result is None:
+        return None
+    return {
+        "kernel": result.kernel,
+        "phi": result.phi,
+        "measure": result.measure_m,
+        "switched_off": len(result.switched_off),
+        "consistent": result.consistent,
+        "p_value": result.check.p_value,
     }

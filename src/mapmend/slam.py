@@ -3,6 +3,7 @@
 read   io.reader             a log of scans, with the odometry at each
 match  front_end.builder     IGO III: predict, match, open nodes and key-nodes, search loops, optimize (IGO's "GO")
 mend   igo.iterate           IGO IV: match edges again from where the optimizer has the nodes, until chi2 settles
+tune   tuning.dcs            where asked for: how far loops are doubted, by the scans (MC V)
 map    grid.occupancy        the nodes' scans at the optimized poses
 write  run_folder            trajectory, graph, map, and a picture of them
 """
@@ -36,6 +37,7 @@ from mapmend.scan import ScanLog
 
 if TYPE_CHECKING:
     from mapmend.front_end.builder import FrontEnd
+    from mapmend.tuning.dcs import TuneResult
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -67,11 +69,16 @@ class MapResult:
     seconds: dict[str, float]
     alignment: Alignment | None = None
     mended: dict[str, Any] | None = None
+    tuning: TuneResult | None = None
 
 
 @dataclass(frozen=True)
 class Built:
-    """What a method hands over to the map: a graph with scans, ``scan_poses`` (n, 3) for all scans, and what it did."""
+    """What a method hands over to the map: a graph with scans, ``scan_poses`` (n, 3) for all scans, and what it did.
+
+    ``scans_at``: gives the poses of all scans when the nodes stand elsewhere, (nodes, 3); None where the method keeps
+    no nodes that could move.
+    """
 
     graph: PoseGraph
     scan_poses: Float
@@ -79,6 +86,7 @@ class Built:
     searched: int = 0
     optimizations: int = 0
     mended: dict[str, Any] | None = None
+    scans_at: Callable[[Float], Float] | None = None
 
 
 def read_log(
@@ -112,6 +120,10 @@ def build_map(
     seconds: dict[str, float] = {}
     with stage("match", seconds):
         built = METHODS[method](log, config, progress, threads)
+    tuning = None
+    if config.loops.tune:
+        with stage("tune", seconds):
+            built, tuning = tuned(built, config, threads, progress)
     with stage("map", seconds):
         built, alignment = aligned(built, config)
         graph, scan_config = built.graph, config.scan
@@ -132,6 +144,7 @@ def build_map(
         seconds=seconds,
         alignment=alignment,
         mended=built.mended,
+        tuning=tuning,
     )
 
 
@@ -171,7 +184,8 @@ def _built(front_end: FrontEnd) -> Built:
     state = front_end.state
     key_nodes = np.array([row.first for row in front_end.key_nodes.rows], dtype=np.int64)
     graph = state.pose_graph(with_scans=True)
-    return Built(graph, state.scan_poses(), key_nodes, front_end.searched, front_end.optimizations)
+    searched, optimizations = front_end.searched, front_end.optimizations
+    return Built(graph, state.scan_poses(), key_nodes, searched, optimizations, scans_at=state.scan_poses_at)
 
 
 def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
@@ -227,6 +241,21 @@ METHODS: dict[str, Callable[[ScanLog, Config, Progress, int], Built]] = {
     "odometry": odometry_alone,
     "gmapping": particle_filter,
 }
+
+
+def tuned(built: Built, config: Config, threads: int, progress: Progress) -> tuple[Built, TuneResult | None]:
+    """The nodes where the most consistent map has them, MC section V; as they are where no loop could be doubted.
+
+    Every solve starts where the front end's optimum is: there the widest kernel leaves the map as it is, so that tuning
+    can't lose what the front end has closed.
+    """
+    from mapmend.tuning.dcs import tune
+
+    if built.scans_at is None or not built.graph.is_loop.any():
+        return built, None
+    result = tune(built.graph, config, init="given", threads=threads, progress=progress)
+    poses = result.graph.poses
+    return replace(built, graph=result.graph, scan_poses=built.scans_at(poses)), result
 
 
 def check_method(method: str, config: Config) -> None:

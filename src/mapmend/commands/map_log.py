@@ -64,6 +64,13 @@ def summary(page: dict[str, Any], folder: str) -> list[str]:
             f"  round {turn}: {done['matched']} edges matched again, {done['changed']} changed, {done['accepted']} "
             f"accepted, {done['dropped']} of them loops that went"
         )
+    if page["tuning"]:
+        tuning = page["tuning"]
+        verdict = "consistent" if tuning["consistent"] else "with no phi consistent"
+        lines.append(
+            f"  tuned: phi = {tuning['phi']:.4g}, {tuning['switched_off']} loops switched off, the map is {verdict} "
+            f"(p = {tuning['p_value']:.3g})"
+        )
     # Compiling happens within the other stages.
     spent = {name: value for name, value in seconds.items() if name != "compile"}
     parts = ", ".join(f"{name} {value:.1f}" for name, value in spent.items())
@@ -79,6 +86,8 @@ def configuration(options: Namespace) -> Config:
         config = replace(config, seed=options.seed)
     if options.no_odometry:
         config = replace(config, motion=replace(config.motion, use_odometry=False))
+    if options.robust == "auto":
+        config = replace(config, loops=replace(config.loops, tune=True))
     if options.align:
         config = replace(config, grid=replace(config.grid, align=True))
     return config

@@ -176,6 +176,11 @@ class GraphState:
             stamps_s=self.log.stamps_s[rows],
         )
 
+    def scan_poses_at(self, node_poses: Float) -> Float:
+        """``scan_poses`` with the nodes moved to ``node_poses``, shape (count, 3), for good."""
+        self.node_pose[: self.count] = node_poses
+        return self.scan_poses()
+
     def scan_poses(self) -> Float:
         """``T_map_robot`` of every scan of the log, shape (len(log), 3).
 

@@ -58,8 +58,9 @@ MOST_MINIMA, MINIMA_WITHIN = 3, 0.02
 """So many local minima of the grid are looked into, if their M is at most this share above the least."""
 
 SAMPLED_PAIRS = 50_000
-TOLERANCE = 0.002
-"""The share of M by which a sum may be off for pairs that were not measured again."""
+TOLERANCE = 0.01
+"""The share of M by which a sum may be off at most for pairs that were not measured again. Points move to and fro, and
+what this leaves out is a hundredth of the bound (``benchmarks/tuning.py --what shortcut``)."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ def tune(
         raise MapmendError("the graph has no loop edges that a kernel could doubt")
     start = graph.with_poses(starting_poses(graph, init))
     views = build_views(scans, start.poses, config.consistency)
-    search = _Search(start, kernel, _sample(graph, views), threads, progress)
+    search = _Search(start, kernel, sample_of(graph, views), threads, progress)
     grid = grid_roots()
     search.look_at(grid[::COARSE], "grid")
     if not search.sums_m:
@@ -214,7 +215,7 @@ def average_measure(
     return float(measures.measure_m.sum()) / max(measures.overlapping, 1), measures.overlapping
 
 
-def _sample(graph: PoseGraph, views: Views) -> PairSample:
+def sample_of(graph: PoseGraph, views: Views) -> PairSample:
     """Every so manieth pair, such that about SAMPLED_PAIRS of those overlap that overlap where the graph stands."""
     from mapmend.consistency.pairs import find_overlaps
 

@@ -1,0 +1,292 @@
+"""The kernel's parameter by map consistency beside fixed ones: MC Figure 4 on the scan graphs here.
+
+Graphs get false loops (``evaluation/corruption.py``) and, in the cases called corrupted, an initial guess whose nodes
+are thrown about; the others start along the odometry. Every solver's map is measured against the true relations, and
+beside it stands the optimum of the clean graph. Every case is appended to --results as a line of JSON, and what is
+there already is not run again.
+
+``--what sweep`` compares phi* with the least of a dense sweep of 400 values, over all pairs of scans; ``--what
+shortcut`` measures the pairs of one graph's grid with and without leaving out those that hardly moved.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _measure import data_parser, markdown, stop
+from numpy.typing import NDArray
+
+from mapmend.consistency.check import check
+from mapmend.consistency.visibility import build_views
+from mapmend.evaluation.corruption import add_false_loops
+from mapmend.evaluation.relations import relation_errors
+from mapmend.graph.optimizer import optimize
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.graph.robust import kernel_of
+from mapmend.graph.starts import along_odometry
+from mapmend.io.reader import read
+from mapmend.io.relations import Relations, read_relations
+from mapmend.tuning import dcs
+from mapmend.tuning.pair_sample import Evaluation, PairSample
+from mapmend.tuning.solutions import Solution, solve
+
+Float = NDArray[np.float64]
+
+GRAPHS = ("intel", "fr079")
+KINDS = ("random", "local", "random-groups", "local-groups")
+COUNTS = (50, 200, 1000)
+SOLVERS = {"none": None, "phi = 1": kernel_of("dcs", 1.0), "phi = 11.3": kernel_of("dcs"), "gnc": kernel_of("gnc")}
+GUESS_STD = np.array([1.0, 1.0, np.radians(20.0)])
+"""How far a corrupted initial guess throws each node, m, m, rad."""
+
+MOST_TIMES = 1.2
+"""The error at phi* is to be at most so many times that of the clean graph's optimum."""
+
+SWEEP = 400
+
+
+@dataclass(frozen=True)
+class Case:
+    """One spoiled graph and where its solves start: "odometry" or "corrupted"."""
+
+    graph: str
+    kind: str
+    count: int
+    start: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        spoiled = f"{self.count} {self.kind}" if self.count else "no false loops"
+        return f"{self.graph}, {spoiled}" + (", corrupted guess" if self.start == "corrupted" else "")
+
+
+def main() -> None:
+    parser = data_parser(__doc__)
+    parser.add_argument("--what", choices=("errors", "sweep", "shortcut"), default="errors", help="default: errors")
+    parser.add_argument("--results", type=Path, default=Path("tuning.jsonl"), help="default: %(default)s")
+    parser.add_argument("--graphs", nargs="+", choices=GRAPHS, default=list(GRAPHS))
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--counts", nargs="+", type=int, default=[0, *COUNTS], metavar="N")
+    parser.add_argument("--starts", nargs="+", choices=("odometry", "corrupted"), default=["odometry", "corrupted"])
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="of each case (default: 1)")
+    parser.add_argument("--threads", type=int, default=2, metavar="N", help="default: 2")
+    parser.add_argument("--all-pairs", action="store_true", help="shortcut: of all pairs, not of the sample")
+    parser.add_argument("--only-print", action="store_true", help="the tables of what was measured before")
+    options = parser.parse_args()
+    if not options.data or not (Path(options.data) / "scangraphs").is_dir():
+        stop("name the folder with scangraphs/ and relations/, or set MAPMEND_DATA")
+    if options.what == "shortcut":
+        print(shortcut_table(options))
+        return
+    if not options.only_print:
+        measure_all(options)
+    results = read_results(options.results)
+    print(error_table(results) if options.what == "errors" else sweep_table(results))
+
+
+def measure_all(options: argparse.Namespace) -> None:
+    """Runs what the results lack, a case at a time."""
+    known = {(row["what"], json.dumps(row["case"], sort_keys=True)) for row in read_results(options.results)}
+    measure = measure_errors if options.what == "errors" else measure_sweep
+    for case in cases(options):
+        if (options.what, json.dumps(asdict(case), sort_keys=True)) in known:
+            continue
+        row = {"what": options.what, "case": asdict(case), **measure(options, case)}
+        with options.results.open("a") as results:
+            results.write(json.dumps(row) + "\n")
+
+
+def cases(options: argparse.Namespace) -> list[Case]:
+    """Odometry before corrupted guesses, few false loops before many."""
+    found = []
+    for seed in range(options.seeds):
+        for start in options.starts:
+            for count in options.counts:
+                kinds = options.kinds if count else ["-"]
+                if count or seed == 0:
+                    found += [Case(graph, kind, count, start, seed) for kind in kinds for graph in options.graphs]
+    return found
+
+
+@cache
+def loaded(data: str, name: str) -> tuple[PoseGraph, Relations, Float]:
+    """A graph as it is, its true relations, and the poses of its optimum."""
+    graph = read(Path(data) / "scangraphs" / f"{name}.toro.gz")
+    assert isinstance(graph, PoseGraph)
+    relations = read_relations(Path(data) / "relations" / f"{name}.relations")
+    return graph, relations, optimize(graph).poses
+
+
+def spoiled(data: str, case: Case) -> PoseGraph:
+    """The graph of a case, at the poses where every solve starts."""
+    graph, _, clean = loaded(data, case.graph)
+    if case.count:
+        graph = add_false_loops(graph, case.kind, case.count, case.seed).graph
+    if case.start == "odometry":
+        return graph.with_poses(along_odometry(graph))
+    thrown = clean + GUESS_STD * np.random.default_rng([case.seed, 7]).standard_normal(clean.shape)
+    thrown[list(graph.fixed)] = clean[list(graph.fixed)]
+    return graph.with_poses(thrown)
+
+
+def errors_of(data: str, name: str, poses: Float) -> tuple[float, float]:
+    """Mean error of the relations that the nodes reach, m and degrees."""
+    graph, relations, _ = loaded(data, name)
+    assert graph.stamps_s is not None
+    found = relation_errors(graph.stamps_s, poses, relations.t1_s, relations.t2_s, relations.relative_poses)
+    return found.translation_mean_m, found.rotation_mean_deg
+
+
+def measure_errors(options: argparse.Namespace, case: Case) -> dict[str, Any]:
+    """Errors of all solvers, and of tune with its verdict."""
+    start = spoiled(options.data, case)
+    rows: dict[str, Any] = {"clean": errors_of(options.data, case.graph, loaded(options.data, case.graph)[2])}
+    for name, kernel in SOLVERS.items():
+        rows[name] = errors_of(options.data, case.graph, optimize(start, kernel=kernel).poses)
+    began, cpu = time.perf_counter(), time.process_time()
+    result = dcs.tune(start, init="given", threads=options.threads)
+    seconds = {"wall": time.perf_counter() - began, "cpu": time.process_time() - cpu}
+    rows["phi*"] = errors_of(options.data, case.graph, result.graph.poses)
+    false = np.arange(len(start.edges)) >= len(loaded(options.data, case.graph)[0].edges)
+    off = np.zeros(len(start.edges), np.bool_)
+    off[result.switched_off] = True
+    return {
+        "errors": rows,
+        "phi": result.phi,
+        "measure": result.measure_m,
+        "measure_1": result.measure_at(1.0),
+        "false_off": int(np.count_nonzero(off & false)),
+        "true_off": int(np.count_nonzero(off & ~false)),
+        "consistent": result.consistent,
+        "p_value": result.check.p_value,
+        "consistent_1": check(result.published, threads=options.threads).consistent,
+        "measured": result.measured / max(result.asked, 1),
+        "seconds": seconds,
+    }
+
+
+def measure_sweep(options: argparse.Namespace, case: Case) -> dict[str, Any]:
+    """M at phi* over the least M of the sweep, both over all pairs; the sweep's least is sought in the sample."""
+    start = spoiled(options.data, case)
+    result = dcs.tune(start, init="given", threads=options.threads)
+    roots = np.linspace(0.0, dcs.LARGEST_ROOT, SWEEP)
+    solutions = [
+        s for s in solve(start, "dcs", (roots**2).tolist(), threads=options.threads) if isinstance(s, Solution)
+    ]
+    sample = dcs.sample_of(start, build_views(scans_of(start), start.poses, dcs.DEFAULT_CONFIG.consistency))
+    sums = sample.evaluate([s.poses for s in solutions], -1.0, threads=options.threads).sum_m
+    best = solutions[int(np.argmin(sums))]
+    least_m, overlapping = dcs.average_measure(start.with_poses(best.poses), threads=options.threads)
+    low = (sums[1:-1] < sums[:-2]) & (sums[1:-1] < sums[2:])
+    return {
+        "phi": result.phi,
+        "sum_m": result.measure_m * result.overlapping,
+        "sweep_phi": best.phi,
+        "sweep_sum_m": least_m * overlapping,
+        "minima": int(np.count_nonzero(low & (sums[1:-1] < 1.05 * sums.min()))),
+    }
+
+
+def scans_of(graph: PoseGraph) -> Any:
+    assert graph.scans is not None
+    return graph.scans
+
+
+def shortcut_table(options: argparse.Namespace) -> str:
+    """The grid of each graph without and with the shortcut: seconds, pairs measured, how far M differs."""
+    rows = []
+    for name in options.graphs:
+        for count in options.counts:
+            start = spoiled(options.data, Case(name, "random", count, "odometry", 0))
+            solutions = solve(start, "dcs", [r * r for r in dcs.grid_roots()], threads=options.threads)
+            poses = [s.poses for s in solutions if isinstance(s, Solution)]
+            views = build_views(scans_of(start), start.poses, dcs.DEFAULT_CONFIG.consistency)
+            stride = 1 if options.all_pairs else dcs.sample_of(start, views).stride
+            whole = PairSample(scans_of(start), views, stride)
+            plain, *spent = timed(whole, poses, -1.0, options.threads)
+            rows.append((f"{name}, {count} false loops", "no", *cells(whole, plain, plain, spent)))
+            sample = PairSample(scans_of(start), views, stride)
+            limit = dcs.TOLERANCE * float(plain.sum_m.min()) / len(whole.pairs)
+            found, *spent = timed(sample, poses, limit, options.threads)
+            rows.append((f"{name}, {count} false loops", "yes", *cells(sample, found, plain, spent)))
+    head = ("graph", "shortcut", "pairs", "measured", "wall s", "CPU s", "M differs by", "bound")
+    return markdown(head, rows)
+
+
+def timed(sample: PairSample, poses: list[Float], limit_m: float, threads: int) -> tuple[Evaluation, float, float]:
+    """The sums, and the seconds by the clock and by the processor."""
+    began, cpu = time.perf_counter(), time.process_time()
+    found = sample.evaluate(poses, limit_m, threads=threads)
+    return found, time.perf_counter() - began, time.process_time() - cpu
+
+
+def cells(sample: PairSample, found: Evaluation, plain: Evaluation, spent: Sequence[float]) -> tuple[str, ...]:
+    off = np.max(np.abs(found.sum_m - plain.sum_m) / plain.sum_m)
+    return (
+        f"{len(sample.pairs):,}",
+        f"{found.measured / found.asked:.0%}",
+        *(f"{seconds:.2f}" for seconds in spent),
+        f"{off:.4%}",
+        f"{np.max(found.bound_m / plain.sum_m):.2%}",
+    )
+
+
+def read_results(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+
+
+def error_table(results: Sequence[dict[str, Any]]) -> str:
+    """A row a case: errors by solver, m; how many loops phi* switched off; the verdicts."""
+    rows, good = [], 0
+    mine = [row for row in results if row["what"] == "errors"]
+    for row in mine:
+        case, errors = Case(**row["case"]), row["errors"]
+        within = errors["phi*"][0] <= MOST_TIMES * errors["clean"][0]
+        good += within and case.count > 0
+        rows.append(
+            (
+                case.name,
+                f"{errors['clean'][0]:.4f}",
+                *(f"{errors[s][0]:.4f}" for s in SOLVERS),
+                f"{errors['phi*'][0]:.4f}" + ("" if within else " !"),
+                f"{row['phi']:.4g}",
+                f"{row['false_off']} / {case.count}",
+                str(row["true_off"]),
+                f"{row['measure']:.3f} ({row['measure_1']:.3f})",
+                f"{'yes' if row['consistent'] else 'no'} ({'yes' if row['consistent_1'] else 'no'})",
+                f"{row['seconds']['cpu']:.0f}",
+            )
+        )
+    more = ("phi*", "phi* is", "false off", "true off", "M (at 1)", "consistent (at 1)", "CPU s")
+    spoilt = sum(row["case"]["count"] > 0 for row in mine)
+    words = f"Within {MOST_TIMES} times the clean error: {good} of {spoilt} cases with false loops."
+    return f"{markdown(('case', 'clean', *SOLVERS, *more), rows)}\n\n{words}"
+
+
+def sweep_table(results: Sequence[dict[str, Any]]) -> str:
+    """How far M at phi* lies above the sweep's least."""
+    rows = [
+        (
+            Case(**row["case"]).name,
+            f"{row['phi']:.4g}",
+            f"{row['sweep_phi']:.4g}",
+            f"{row['sum_m'] / row['sweep_sum_m'] - 1.0:+.2%}",
+            str(row["minima"]),
+        )
+        for row in results
+        if row["what"] == "sweep"
+    ]
+    return markdown(("case", "phi*", f"of {SWEEP} values", "M above its least", "local minima within 5 %"), rows)
+
+
+if __name__ == "__main__":
+    main()
