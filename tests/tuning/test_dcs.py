@@ -76,7 +76,7 @@ def test_the_same_for_any_number_of_threads(tuned):
 
 def test_a_sample_finds_the_same_map(tuned, monkeypatch):
     graph, _, whole = tuned
-    monkeypatch.setattr(dcs, "SAMPLED_PAIRS", 600)
+    monkeypatch.setattr(dcs, "SAMPLED_POINTS", 600 * 360)
     part = dcs.tune(graph)
     assert part.sampled <= 0.5
     assert part.asked < 0.6 * whole.asked

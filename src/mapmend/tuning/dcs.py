@@ -57,7 +57,9 @@ ROUNDS = 5
 MOST_MINIMA, MINIMA_WITHIN = 3, 0.02
 """So many local minima of the grid are looked into, if their M is at most this share above the least."""
 
-SAMPLED_PAIRS = 50_000
+SAMPLED_POINTS = 9_000_000
+"""The sample's pairs have so many end points in all at most: 25,000 pairs of scans of 180 beams."""
+
 TOLERANCE = 0.01
 """The share of M by which a sum may be off at most for pairs that were not measured again. Points move to and fro, and
 what this leaves out is a hundredth of the bound (``benchmarks/tuning.py --what shortcut``)."""
@@ -216,13 +218,14 @@ def average_measure(
 
 
 def sample_of(graph: PoseGraph, views: Views) -> PairSample:
-    """Every so manieth pair, such that about SAMPLED_PAIRS of those overlap that overlap where the graph stands."""
+    """Every so manieth pair, such that those that overlap where the graph stands have SAMPLED_POINTS at most."""
     from mapmend.consistency.pairs import find_overlaps
 
     assert graph.scans is not None
     here = find_overlaps(views.boxes).total
+    points = here * 2.0 * len(views.points) / max(len(views), 1)
     stride = 1
-    while here > stride * SAMPLED_PAIRS:
+    while points > stride * SAMPLED_POINTS:
         stride *= 2
     return PairSample(graph.scans, views, stride)
 
