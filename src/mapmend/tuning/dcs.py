@@ -57,8 +57,8 @@ ROUNDS = 5
 MOST_MINIMA, MINIMA_WITHIN = 3, 0.02
 """So many local minima of the grid are looked into, if their M is at most this share above the least."""
 
-SAMPLED_POINTS = 9_000_000
-"""The sample's pairs have so many end points in all at most: 25,000 pairs of scans of 180 beams."""
+SAMPLED_POINTS = 10_000_000
+"""The sample's pairs have so many end points in all at most: 28,000 pairs of scans of 180 beams."""
 
 TOLERANCE = 0.01
 """The share of M by which a sum may be off at most for pairs that were not measured again. Points move to and fro, and
