@@ -61,9 +61,11 @@ def _draw_curve(axes: Axes, result: TuneResult, zoom: float | None) -> None:
     if zoom is None:
         axes.set(title="how far scans contradict each other", ylim=(0.0, None))
     elif least > 0.0:
-        axes.set(
-            title=f"the same, up to {zoom:.0%} above the least", ylim=((1.0 - 0.1 * zoom) * least, (1.0 + zoom) * least)
-        )
+        shown = roots[result.curve_m <= (1.0 + zoom) * least]
+        margin = max(0.1 * float(np.ptp(shown)), 0.02)
+        axes.set(title=f"the same, up to {zoom:.0%} above the least")
+        axes.set(ylim=((1.0 - 0.1 * zoom) * least, (1.0 + zoom) * least))
+        axes.set(xlim=(float(shown.min()) - margin, float(shown.max()) + margin))
 
 
 def _points(graph: PoseGraph, views: Views) -> Float:
