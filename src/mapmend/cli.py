@@ -93,6 +93,7 @@ def parser() -> argparse.ArgumentParser:
     _add_convert(commands)
     _add_datasets(commands)
     _add_simulate(commands)
+    _add_report(commands)
     return top
 
 
@@ -321,6 +322,21 @@ def _add_datasets(commands: Commands) -> None:
     command.add_argument("action", choices=("list", "fetch"), nargs="?", default="list", help="default: list")
     command.add_argument("names", metavar="NAME", nargs="*", help="what to fetch")
     command.add_argument("--mirror", metavar="URL", help="fetch from here, where the files lie by their names")
+
+
+def _add_report(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "report",
+        "report",
+        "write one HTML page of a RUN: its map, its graph, and what the check says of it",
+        "The page holds all of its data, opens in any browser, and asks no network for anything.",
+    )
+    command.add_argument("run", metavar="RUN", help="the folder that `mapmend map` wrote")
+    command.add_argument("--compare", metavar="RUN", nargs="+", default=[], help="others to show beside it")
+    command.add_argument("-o", "--output", metavar="FILE", help="the page to write (default: RUN/report.html)")
+    command.add_argument("--config", metavar="FILE", help="settings of the check, in TOML")
+    _add_threads(command)
 
 
 def _add_lenient(command: argparse.ArgumentParser) -> None:

@@ -57,6 +57,7 @@ def run_page(result: MapResult, source: str = "") -> dict[str, Any]:
         "chi2_initial": result.chi2_initial,
         "chi2_final": result.chi2_final,
         **mended,
+        "key_nodes": result.graph.ids[result.key_nodes].tolist(),
         "path_m": path_length_m(result.trajectory.poses),
         "extent_m": np.ptp(result.trajectory.poses[:, :2], axis=0).tolist(),
         "map": {"rows": rows, "columns": columns, "resolution_m": result.occupancy.resolution_m},

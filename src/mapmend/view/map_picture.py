@@ -62,7 +62,7 @@ def draw_map(grid: OccupancyMap, overlay: Overlay, title: str = "") -> Image.Ima
     shrink = -(-longest // (MOST_PIXELS - STRIP_PIXELS))
     grow = max(1, WANTED_PIXELS // longest) if shrink == 1 else 1
     smoothing = SMOOTHING if longest * grow <= WANTED_PIXELS else 1
-    cells = _shrunk(grid.image, shrink)[::-1]
+    cells = shrunk(grid.image, shrink)[::-1]
     enlarge = grow * smoothing
     picture = _coloured(cells)
     picture = picture.resize((picture.width * enlarge, picture.height * enlarge), Image.Resampling.NEAREST)
@@ -89,7 +89,7 @@ class _Frame:
         return list(zip(x.tolist(), y.tolist(), strict=True))
 
 
-def _shrunk(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+def shrunk(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     """Blocks of factor x factor cells as one, the darkest: a wall of one cell stays."""
     if factor == 1:
         return image

@@ -1,0 +1,42 @@
+"""The page: template, style, program and data of a report in one HTML text."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib.resources import files
+
+from mapmend import __version__
+from mapmend.report.embedding import safe_json, source_hash
+from mapmend.report.run_data import Run, run_values
+
+SCRIPTS = ("numbers.js", "model.js", "layers.js", "view.js", "panels.js", "facts.js", "main.js")
+"""In the order in which they build on each other; they share one scope, as one script."""
+
+
+def report_page(runs: list[Run]) -> str:
+    """The report of the first of ``runs`` beside the others: HTML that needs no other file and no network.
+
+    A content security policy lets nothing run but the page's own script, by its hash, and nothing be fetched.
+    """
+    style = _source("report.css")
+    script = '"use strict";\n{\n' + "\n".join(_source(name) for name in SCRIPTS) + "}\n"
+    values = {
+        "title": escape("mapmend: " + " beside ".join(run.name for run in runs)),
+        "version": escape(__version__),
+        "style": style,
+        "script": script,
+        "style_hash": source_hash(style),
+        "script_hash": source_hash(script),
+        "data": safe_json({"runs": [run_values(run) for run in runs]}),
+    }
+    # One pass over the template: what is put in is never looked through for places again.
+    first, *parts = _source("report.html").split("{")
+    text = [first]
+    for part in parts:
+        name, _, rest = part.partition("}")
+        text += [values[name], rest]
+    return "".join(text)
+
+
+def _source(name: str) -> str:
+    return (files("mapmend.report") / name).read_text(encoding="utf-8")
