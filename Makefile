@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What the tests need; .ci/run adds view, whose wheels are 225 MB.
+EXTRAS ?= dev
 UV := $(shell command -v uv 2>/dev/null)
 
 .PHONY: demo test slow check clean
@@ -37,9 +39,9 @@ endif
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 ifneq ($(UV),)
-	$(UV) pip install --python $(BIN)/python -c constraints.txt -e '.[dev]'
+	$(UV) pip install --python $(BIN)/python -c constraints.txt -e '.[$(EXTRAS)]'
 else
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRAS)]'
 endif
 	touch $@ $(VENV)/.installed
 

@@ -94,6 +94,7 @@ def parser() -> argparse.ArgumentParser:
     _add_datasets(commands)
     _add_simulate(commands)
     _add_report(commands)
+    _add_view(commands)
     return top
 
 
@@ -337,6 +338,18 @@ def _add_report(commands: Commands) -> None:
     command.add_argument("-o", "--output", metavar="FILE", help="the page to write (default: RUN/report.html)")
     command.add_argument("--config", metavar="FILE", help="settings of the check, in TOML")
     _add_threads(command)
+
+
+def _add_view(commands: Commands) -> None:
+    command = _command(
+        commands,
+        "view",
+        "view",
+        "replay a RUN over time in rerun: the robot, its scans, the graph as it grows, the map",
+        "Needs rerun: pip install 'mapmend[view]'.",
+    )
+    command.add_argument("run", metavar="RUN", help="the folder that `mapmend map` wrote")
+    command.add_argument("--save", metavar="FILE", help="write a recording (.rrd) and open no window")
 
 
 def _add_lenient(command: argparse.ArgumentParser) -> None:
