@@ -1,5 +1,7 @@
 """The report in headless Chromium: one pans, zooms, switches, hovers, clicks and compares, as a reader does."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -169,6 +171,31 @@ def test_of_three_runs_one_chooses_two(browser, pages):
     assert len(choices) == 2
     page.js("arguments[0].selectedIndex = 0; arguments[0].dispatchEvent(new Event('change'))", choices[1])
     assert [badge.text for badge in page.all("figure .badge")] == ["Inconsistent"] * 2
+
+
+def test_what_igo_and_tune_found_stands_below_and_leads_to_the_map(browser, tmp_path):
+    folder, _ = room_run(tmp_path / "run")
+    page = json.loads((folder / "run.json").read_text())
+    biased = {"nodes": [20, 21], "is_loop": False, "before": [0.2, 0.0, 0.0], "after": [0.5, 0.4, 0.1]}
+    page["mended"] = {"chi2": [9.0, 4.0], "rounds": [{"matched": 79, "dropped": 1, "biased": [biased]}]}
+    (folder / "run.json").write_text(json.dumps(page))
+    off = {"edge": 79, "from": 0, "to": 790, "chi2": 25.0, "weight": 0.01}
+    curve = [[0.1, 0.02], [1.0, 0.01], [10.0, 0.03]]
+    tuned = {"kernel": "dcs", "phi": 1.0, "measure": 0.01, "p_value": 0.2, "consistent": True, "switched_off": [off]}
+    (folder / "tune.json").write_text(json.dumps(tuned | {"curve": curve}))
+    (tmp_path / "page.html").write_text(report_page([read_checked(folder, Config())]))
+    shown = browser.open(tmp_path / "page.html")
+    text = shown.one("#results").text
+    assert "chi² before the first round: 9\n" in text
+    assert "1 79 1 4" in text
+    assert len(shown.all("#results .curve circle")) == 4
+    for details in shown.all("#results summary"):
+        details.click()
+    assert "200 → 210 odometry 1 0.500 5.73" in shown.one("#results").text
+    shown.all("#results .go")[1].click()
+    assert shown.one("#selected h3").text.startswith("Loop edge 0 → 790")
+    assert shown.one("canvas").rect["y"] >= shown.js("return scrollY - 1")
+    assert shown.complaints() == []
 
 
 def test_names_are_never_markup(browser, tmp_path):

@@ -159,7 +159,7 @@ function drawNodes(context, model, camera) {
 }
 
 function drawKeys(context, model, camera) {
-  const r = camera.scale > 60 ? 6 : 4;
+  const r = camera.scale > 60 ? 6 : camera.scale > 10 ? 4 : 2.4;
   drawDots(context, model, camera, model.keys, (x, y) => {
     context.moveTo(x, y - r);
     context.lineTo(x + r, y);
@@ -170,7 +170,7 @@ function drawKeys(context, model, camera) {
   context.fillStyle = "#ffd8a8";
   context.fill();
   context.strokeStyle = KEY;
-  context.lineWidth = 1.2;
+  context.lineWidth = r < 4 ? 0.8 : 1.2;
   context.stroke();
 }
 

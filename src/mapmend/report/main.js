@@ -15,7 +15,7 @@ class Report {
     this.tip = document.getElementById("tip");
     this.views.forEach((view, k) => this.name(view, k));
     // Two maps of one log begin at one pose, unless one of them was turned: they may move together.
-    if (this.views.length > 1) this.join(models[0].page.log === models[1].page.log);
+    if (this.views.length > 1) this.join(models[0].page.log === models[1].page.log && models[0].turned_rad === models[1].turned_rad);
   }
 
   name(view, number) {
@@ -93,6 +93,7 @@ class Report {
       view.caption.querySelector("select").selectedIndex = this.models.indexOf(model);
     }
     this.select(view, choice);
+    view.root.scrollIntoView({ block: "nearest" });
     view.goTo(...this.placeOf(model, choice));
   }
 
@@ -145,6 +146,7 @@ async function start() {
   drawFigures(models);
   drawSeconds(models);
   drawSettings(models);
+  drawResults(report);
   prepareForPrint(report);
   await Promise.all(models.map(loadMap));
   for (const view of report.views) view.draw();

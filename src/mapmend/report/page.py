@@ -9,7 +9,7 @@ from mapmend import __version__
 from mapmend.report.embedding import safe_json, source_hash
 from mapmend.report.run_data import Run, run_values
 
-SCRIPTS = ("numbers.js", "model.js", "layers.js", "view.js", "panels.js", "facts.js", "main.js")
+SCRIPTS = ("numbers.js", "model.js", "layers.js", "view.js", "panels.js", "facts.js", "results.js", "main.js")
 """In the order in which they build on each other; they share one scope, as one script."""
 
 

@@ -24,6 +24,7 @@ from mapmend.scan import Scans
 
 Float = NDArray[np.float64]
 
+TUNE_FILE = "tune.json"
 MOST_READINGS = 1_500_000
 """More laser readings are thinned beam by beam: 3 MB in the page."""
 
@@ -42,7 +43,10 @@ ODOMETRY, STRETCH, LOOP = 0, 1, 2
 
 @dataclass(frozen=True)
 class Run:
-    """A RUN folder, read; ``page`` is its run.json. ``result`` is None where ``unchecked`` says why."""
+    """A RUN folder, read; ``page`` is its run.json. ``result`` is None where ``unchecked`` says why.
+
+    ``tune``: what ``mapmend tune RUN --json`` printed, where it was put into the RUN as tune.json.
+    """
 
     name: str
     page: dict[str, Any]
@@ -51,6 +55,7 @@ class Run:
     grid: OccupancyMap
     result: CheckResult | None
     unchecked: str = ""
+    tune: dict[str, Any] | None = None
 
 
 def read_checked(folder: str | Path, config: Config, *, threads: int = 1, progress: Progress = no_progress) -> Run:
@@ -61,24 +66,29 @@ def read_checked(folder: str | Path, config: Config, *, threads: int = 1, progre
     page = read_page(folder)
     grid = read_map(Path(folder) / "map.yaml")
     name = Path(folder).resolve().name
+    tune = _read_object(Path(folder) / TUNE_FILE) if (Path(folder) / TUNE_FILE).is_file() else None
     try:
         result = check(graph, config.consistency, threads=threads, progress=progress)
     except MapmendError as error:
-        return Run(name, page, trajectory, graph, grid, None, str(error))
-    return Run(name, page, trajectory, graph, grid, result)
+        return Run(name, page, trajectory, graph, grid, None, str(error), tune)
+    return Run(name, page, trajectory, graph, grid, result, tune=tune)
 
 
 def read_page(folder: str | Path) -> dict[str, Any]:
     """A RUN's run.json; raises InputError."""
     path = Path(folder) / RUN_FILE
+    if not path.is_file():
+        raise InputError(folder, f"is no RUN folder: it holds no {RUN_FILE}", "name what `mapmend map` wrote")
+    return _read_object(path)
+
+
+def _read_object(path: Path) -> dict[str, Any]:
     try:
         page = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        raise InputError(folder, f"is no RUN folder: it holds no {RUN_FILE}", "name what `mapmend map` wrote") from None
     except (ValueError, OSError) as error:
-        raise InputError(path, f"can't be read ({error})", "map the log again") from None
+        raise InputError(path, f"can't be read ({error})", "write it again") from None
     if not isinstance(page, dict):
-        raise InputError(path, "holds no JSON object", "map the log again")
+        raise InputError(path, "holds no JSON object", "write it again")
     return page
 
 
@@ -92,6 +102,9 @@ def run_values(run: Run) -> dict[str, Any]:
         "counts": run.page.get("counts", {}),
         "seconds": run.page.get("seconds", {}),
         "path_m": run.page.get("path_m"),
+        "turned_rad": _turned_rad(run.page),
+        "mended": run.page.get("mended"),
+        "tune": run.tune,
         "first_stamp_s": first_s,
         "last_s": float(np.max(run.trajectory.stamps_s, initial=first_s)) - first_s,
         "settings": _settings(run.page.get("configuration")),
@@ -106,6 +119,12 @@ def run_values(run: Run) -> dict[str, Any]:
         "regions": _regions(run.result),
         "scans": None if graph.scans is None else _scans(graph.scans),
     }
+
+
+def _turned_rad(page: dict[str, Any]) -> float:
+    """By how much ``--align`` turned the map."""
+    alignment = page.get("alignment")
+    return float(alignment["T_map_start"][2]) if isinstance(alignment, dict) else 0.0
 
 
 def _settings(used: Any) -> list[list[Any]]:
