@@ -1,6 +1,6 @@
 """How right the maps of the two public recordings with true relations are, by each method, defaults only.
 
-With --turns N, `go` maps each log N times with the robot's first pose turned by another angle against the grid: the
+With --turns N, `igo` maps each log N times with the robot's first pose turned by another angle against the grid: the
 grid's directions must not matter.
 """
 
@@ -20,7 +20,7 @@ from mapmend.scan import ScanLog
 from mapmend.slam import build_map, read_log
 
 LOGS = ("intel", "fr079")
-METHODS = ("go", "scanmatch", "odometry")
+METHODS = ("igo", "go", "scanmatch", "odometry")
 HEAD = ("log", "method", "translation [m]", "rotation [deg]", "relations", "loops", "seconds")
 
 
@@ -66,8 +66,8 @@ def over_turns(name: str, log: ScanLog, relations: Relations, turns: int) -> lis
     """A row a heading, a quarter turn shared out: the grid's axes repeat there. Then the worst of them."""
     rows, worst_m, worst_deg = [], 0.0, 0.0
     for turn_rad in np.arange(turns) * (np.pi / 2.0 / turns):
-        measured = measure(log, relations, "go", float(turn_rad))
-        rows.append((name, f"go, turned {np.degrees(turn_rad):.1f}°", *measured.cells()))
+        measured = measure(log, relations, "igo", float(turn_rad))
+        rows.append((name, f"igo, turned {np.degrees(turn_rad):.1f}°", *measured.cells()))
         worst_m = max(worst_m, measured.errors.translation_mean_m)
         worst_deg = max(worst_deg, measured.errors.rotation_mean_deg)
     return [*rows, (name, f"worst of {turns}", f"{worst_m:.4f}", f"{worst_deg:.3f}", "", "", "")]

@@ -59,6 +59,7 @@ def test_matching_is_better_than_odometry(results, simulation):
     }
     assert errors["scanmatch"] < 0.5 * errors["odometry"]
     assert errors["go"] < 0.5 * errors["odometry"]
+    assert errors["igo"] < 0.5 * errors["odometry"]
 
 
 def test_without_odometry_the_laser_does(simulation):

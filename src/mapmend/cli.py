@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 COULD_NOT, INTERRUPTED = 2, 130
 TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
 
-METHODS = ("go", "igo", "scanmatch", "odometry", "gmapping")
+METHODS = ("igo", "go", "scanmatch", "odometry", "gmapping")
 COMPARED = ("odometry", "scanmatch", "gmapping", "go", "igo")
 KERNELS = ("none", "huber", "cauchy", "geman-mcclure", "dcs", "switchable", "max-mixture", "gnc")
 STARTS = ("given", "odometry", "tree", "chordal")
@@ -140,7 +140,7 @@ def _add_map(commands: Commands) -> None:
         "--method",
         choices=METHODS,
         default=METHODS[0],
-        help="go: matching, loops, optimization (default); igo: biased edges mended too; scanmatch: no loops; "
+        help="igo: matching, loops, optimization, biased edges mended (default); go: not mended; scanmatch: no loops; "
         "odometry: as the log says; gmapping: a particle filter",
     )
     command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")

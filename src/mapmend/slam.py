@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-DEFAULT_METHOD = "go"
+DEFAULT_METHOD = "igo"
 DEFAULT_CONFIG = Config()
 
 

@@ -129,7 +129,7 @@ def test_an_output_folder_that_cannot_be_written(mapmend, log_path, tmp_path):
 
 def test_the_command_line_knows_the_methods():
     assert set(cli.METHODS) == set(METHODS)
-    assert cli.METHODS[0] == "go"
+    assert cli.METHODS[0] == "igo"
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ RUN_FILES = ["graph.g2o", "map.pgm", "map.png", "map.yaml", "run.json", "traject
 def run_folder(log_path, tmp_path_factory):
     from mapmend.cli import main
 
-    folder = tmp_path_factory.mktemp("runs") / "go"
+    folder = tmp_path_factory.mktemp("runs") / "igo"
     assert main(["map", str(log_path), "-o", str(folder), "--threads", "2"]) == 0
     return folder
 
@@ -32,8 +32,11 @@ def run_folder(log_path, tmp_path_factory):
 def test_a_run_folder_is_complete(run_folder, simulation):
     assert sorted(p.name for p in run_folder.iterdir()) == RUN_FILES
     page = json.loads((run_folder / "run.json").read_text())
-    assert page["method"] == "go"
+    assert page["method"] == "igo"
     assert page["mapmend"] == package.__version__
+    first = page["mended"]["rounds"][0]
+    assert first["matched"] >= page["counts"]["odometry_edges"]
+    assert len(first["biased"]) == first["accepted"] <= first["changed"]
     assert set(page["seconds"]) == {"read", "compile", "match", "map", "write"}
     assert page["counts"]["scans"] == len(simulation.log)
     graph = read_g2o(run_folder / "graph.g2o")
@@ -72,7 +75,7 @@ def test_map_prints_a_summary_for_people(mapmend, log_path, tmp_path):
     assert "run/map.png" in answer.out
 
 
-@pytest.mark.parametrize("method", ["odometry", "scanmatch", "go"])
+@pytest.mark.parametrize("method", ["odometry", "scanmatch", "go", "igo"])
 def test_map_json(mapmend, log_path, tmp_path, method):
     answer = mapmend("map", log_path, "-o", tmp_path / "run", "--method", method, "--json", "--seed", 5)
     values = json.loads(answer.out)
@@ -92,12 +95,12 @@ def test_a_configuration_file_counts(mapmend, log_path, tmp_path):
 
 def test_eval_against_a_reference(mapmend, run_folder, log_path, truth_path):
     errors = {}
-    for name, path in (("go", run_folder), ("odometry", log_path), ("file", run_folder / "trajectory.tum")):
+    for name, path in (("igo", run_folder), ("odometry", log_path), ("file", run_folder / "trajectory.tum")):
         values = json.loads(mapmend("eval", path, "--reference", truth_path, "--json").out)
         assert values["frame"] == "robot"
         assert values["absolute_used"] == values["absolute_total"] == 160
         errors[name] = values["absolute_rmse_m"]
-    assert errors["go"] == errors["file"]
+    assert errors["igo"] == errors["file"]
     assert "RMSE" in mapmend("eval", run_folder, "--reference", truth_path).out
 
 
