@@ -85,13 +85,14 @@ class Relocation:
         return nodes, float(of_node[nodes].max(initial=0.0))
 
 
-def recent_points(state: GraphState, points: ScanPoints, length_m: float) -> Float:
-    """The points of the nodes of the last ``length_m``, every third, in the frame of the newest node; shape (n, 5)."""
-    path = state.node_path_m[: state.count]
+def recent_points(state: GraphState, points: ScanPoints, length_m: float, last: int | None = None) -> Float:
+    """Every third point of the ``length_m`` up to node ``last``, or to the newest, in its frame; shape (n, 5)."""
+    last = state.last if last is None else last
+    path = state.node_path_m[: last + 1]
     first = int(np.searchsorted(path, path[-1] - length_m))
     parts = []
-    for node in range(first, state.count):
-        pose = se2.between(state.node_pose[state.last], state.node_pose[node])
+    for node in range(first, last + 1):
+        pose = se2.between(state.node_pose[last], state.node_pose[node])
         part = points.of(int(state.node_scan[node]))[::3]
         normals = se2.transform_points(np.array([0.0, 0.0, pose[2]]), part[:, 2:4])
         parts.append(np.concatenate((se2.transform_points(pose, part[:, :2]), normals, part[:, 4:]), axis=1))

@@ -8,9 +8,11 @@ import numpy as np
 
 from mapmend.front_end.builder import FrontEnd
 from mapmend.front_end.loop_closing import Candidate
+from mapmend.front_end.relocation import recent_points
 from mapmend.front_end.state import LoopEdge
 from mapmend.geometry import se2
 from mapmend.graph.robust import DISTRUST_WEIGHT
+from mapmend.grid.surface import SurfaceGrid
 from mapmend.igo.observed import Bool, Float
 from mapmend.igo.odometry_pass import between, is_same, score_noise
 from mapmend.matching.gauss_newton import Match, prior_at
@@ -65,25 +67,46 @@ class LoopPass:
         """The edge itself where it came back unchanged, a new one where it moved, None where no match holds.
 
         ``step`` (3,): where the optimizer has the node, seen from the anchor. An edge that the kernel distrusts must
-        come back to where the optimizer wants it, or go: looking alike is what made it false.
+        come back to where the optimizer wants it, or go: looking alike is what made it false. What nothing contradicts
+        stays.
         """
-        front_end, loops = self._front_end, self._config.loops
+        front_end = self._front_end
         k = int(front_end.key_nodes.of_node[edge.anchor])
         local = front_end.key_nodes.local_grid(k)
         points = self._points.of(int(self._state.node_scan[edge.node]))
         anchor = local.poses[edge.anchor - local.begin]
         old, guess = se2.compose(anchor, edge.T_anchor_node), se2.compose(anchor, step)
         match = self._best(k, points, old, guess)
-        matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
-        agrees = matched >= loops.min_agreement * (matched + contradicted)
-        if match.score < loops.min_score or not agrees or not front_end.loops.is_observed(match):
-            return None
+        if not self._is_verified(k, points, match):
+            # What one scan does not tell, the stretch before it does: a robot may face what it had never seen.
+            length_m = self._config.key_nodes.trajectory_length_m
+            points = recent_points(self._state, self._points, length_m, edge.node)
+            match = self._best(k, points, old, guess)
+            if not self._is_verified(k, points, match):
+                return edge if weight >= DISTRUST_WEIGHT and not self._is_contradicted(k, points, match) else None
         measured = se2.between(anchor, match.pose)
         if weight < DISTRUST_WEIGHT and self._is_far(step, measured):
             return None
         if is_same(edge.T_anchor_node, measured):
             return edge
         return front_end.loops.edge(Candidate(k, edge.anchor), match, edge.node)
+
+    def _is_verified(self, k: int, points: Float, match: Match) -> bool:
+        """Whether a match on the grid of key-node k scores, agrees and is held, as the loop search asks."""
+        loops = self._config.loops
+        matched, contradicted, _ = self._matcher.judge(self._grid(k), points, match.pose)
+        agrees = matched >= loops.min_agreement * (matched + contradicted)
+        return bool(match.score >= loops.min_score and agrees and self._front_end.loops.is_observed(match))
+
+    def _is_contradicted(self, k: int, points: Float, match: Match) -> bool:
+        """Whether the grid has seen enough of where the points lie, and too much else there."""
+        loops = self._config.loops
+        matched, contradicted, _ = self._matcher.judge(self._grid(k), points, match.pose)
+        seen = matched + contradicted
+        return bool(seen >= loops.min_overlap * len(points) and matched < loops.min_agreement * seen)
+
+    def _grid(self, k: int) -> SurfaceGrid:
+        return self._front_end.key_nodes.local_grid(k).grid
 
     def _is_far(self, step: Float, measured: Float) -> bool:
         """Whether a measurement lies farther from the optimizer's poses than those are certain."""
@@ -92,7 +115,7 @@ class LoopPass:
 
     def _best(self, k: int, points: Float, old: Float, guess: Float) -> Match:
         """The best-scoring match from the guesses between two poses (3,); ties go to the pose nearest ``guess``."""
-        grid = self._front_end.key_nodes.local_grid(k).grid
+        grid = self._grid(k)
         covariance = self._front_end.loops.certain()
         best = self._matcher.match(grid, points, guess, prior_at(guess, covariance))
         for start in between(old, guess, self._config.loops.guess_every_m):

@@ -33,6 +33,8 @@ FAR_CHI2, MEDIAN_CHI2, SCATTER_OVER = 16.27, 2.37, 100
 # A match is doubtful that scores this far below the usual, or lies so many standard deviations off the odometry. A
 # node's share of the usual score makes it follow some twenty nodes.
 DROP, CONTRADICTS, USUAL_SHARE = 0.05, 2.0, 0.05
+# No slip carries a robot backwards by more.
+BACKWARDS_M = 0.05
 # Scores closer than so many standard deviations are ties.
 TIE = 2.0
 # Guesses between an edge and the optimizer: a false one may be metres off, and what lies that far is searched for.
@@ -40,7 +42,7 @@ MOST_GUESSES = 40
 
 
 Spread = tuple[float, float]
-Poses = tuple[Float, Float]
+Poses = tuple[Float, Float, Float]
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class OdometryPass:
         if self._is_by_laser_alone and m.is_open[max(1, j - AFTER_OPEN) : j + 1].any():
             return self._steady_step(j), True, False
         differs = self._differs(j, found)
-        accepted = differs and not axis.any() and self._is_accepted(j, grid, points, match, (old, guess))
+        accepted = differs and not axis.any() and self._is_accepted(j, grid, points, match, (predicted, old, guess))
         return (found if accepted else step), differs, accepted
 
     def _differs(self, j: int, found: Float) -> bool:
@@ -160,22 +162,38 @@ class OdometryPass:
             others += [predicted, behind, *between(behind, predicted, self._config.loops.guess_every_m)]
         for start in others:
             other = self._matcher.match(grid, points, start, round_prior(start if doubtful else predicted, *std))
-            if other.score > best.score + score_noise(best.score, len(points)):
+            is_possible = not doubtful or is_between(behind, predicted, other.pose, 3.0 * std[0])
+            if is_possible and other.score > best.score + score_noise(best.score, len(points)):
                 best = other
         self._usual_score += USUAL_SHARE * (best.score - self._usual_score)
         return best
 
+    def _doubt(self, pose: Float, poses: Poses, std: Spread) -> float:
+        """What a pose must score ahead of the edge's for being farther from the odometry than that, up to its weight.
+
+        Nothing, where the optimizer sides with the new pose.
+        """
+        predicted, old, guess = poses
+        if np.hypot(*(pose - guess)[:2]) < np.hypot(*(old - guess)[:2]):
+            return 0.0
+        new, before = (
+            min(((off[0] ** 2 + off[1] ** 2) / std[0] ** 2 + (off[2] / std[1]) ** 2) / 9.0, 1.0)
+            for off in (se2.between(predicted, pose), se2.between(predicted, old))
+        )
+        return self._config.motion.prior_weight * max(new - before, 0.0)
+
     def _is_accepted(self, j: int, grid: SurfaceGrid, points: Float, match: Match, poses: Poses) -> bool:
         """Whether a match replaces the edge that it differs from: by score, where scores tie by the optimizer.
 
-        ``poses``: where the edge and the optimizer put the node. A difference within what edges of this
+        ``poses``: where the odometry, the edge and the optimizer put the node. A difference within what edges of this
         log scatter is none, unless the score says otherwise by far.
         """
-        old, guess = poses
+        predicted, old, guess = poses
+        std = odometry_std(self._expected_motion(j, predicted), self._config.motion)
         if match.score < self._config.match.min_score or len(points) == 0:
             return False
         score = self._matcher.judge(grid, points, old)[0] / len(points)
-        gain = match.score - score
+        gain = match.score - score - self._doubt(match.pose, (predicted, old, guess), std)
         noise = score_noise(score, len(points))
         if gain > max(TIE * noise, DROP):
             return True
@@ -267,6 +285,14 @@ def between(first: Float, last: Float, every_m: float) -> list[Float]:
     if count == 0:
         return []
     return [se2.interpolate(first, last, share) for share in np.linspace(1.0, 0.0, count + 1)[1:]]
+
+
+def is_between(first: Float, last: Float, pose: Float, slack_m: float) -> bool:
+    """Whether a pose (3,) lies on the way from one to another, or so little beyond: slip takes of a motion a part."""
+    way, step = (last - first)[:2], (pose - first)[:2]
+    length = float(np.hypot(way[0], way[1]))
+    share = float(way @ step) / max(length, 1e-9)
+    return -BACKWARDS_M <= share <= length + slack_m
 
 
 def is_same(old: Float, new: Float) -> bool:
