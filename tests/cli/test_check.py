@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from mapmend.io.g2o import write_g2o
+from tests.cli.interrupts import interrupted
 from tests.consistency.scenes import graph_of, room_graph
 
 KEYS = {"consistent", "p_value", "scans", "scans_inconsistent", "pairs", "pairs_failed", "suspect_edges"}
@@ -90,6 +91,30 @@ def test_what_can_not_be_checked_is_refused_in_one_line(mapmend, log_path, tmp_p
     (tmp_path / "file").write_text("")
     assert "can't be made" in mapmend("check", bare, "-o", tmp_path / "file" / "x").complaint
     assert "no RUN folder" in mapmend("check", tmp_path).complaint
+
+
+def test_a_picture_that_can_not_be_written_is_refused_before_the_work(mapmend, right_path, tmp_path, monkeypatch):
+    import mapmend.commands.check as command
+
+    def never(*_, **__):
+        raise AssertionError("worked first")
+
+    monkeypatch.setattr(command, "check", never)
+    (tmp_path / "check.png").mkdir()
+    answer = mapmend("check", right_path, "-o", tmp_path)
+    assert answer.code == 2
+    assert "check.png: is a directory" in answer.complaint
+
+
+@pytest.mark.parametrize("stage", ["scales", "compare", "loops"])
+def test_an_interrupted_check_stops_cleanly(right_path, tmp_path, stage):
+    done = interrupted(stage, "check", right_path, "-o", tmp_path)
+    assert done.returncode == 130
+    assert [line for line in done.stderr.splitlines() if line.startswith("mapmend:")] == [
+        "mapmend: interrupted; nothing was written"
+    ]
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_scans_without_a_node_are_refused(mapmend, tmp_path):

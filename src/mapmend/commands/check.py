@@ -14,7 +14,7 @@ from mapmend.consistency.check import CheckResult, check
 from mapmend.errors import InputError, MapmendError, OutputError
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.info import describe_content
-from mapmend.io.output import write_whole
+from mapmend.io.output import check_file_writable, write_whole
 from mapmend.io.reader import read, read_run
 
 INCONSISTENT = 1
@@ -27,7 +27,8 @@ def run(options: Namespace) -> int:
     """Checks ``options.graph``; 0 where it is consistent, 1 where not."""
     config = (read_toml(options.config) if options.config else Config()).consistency
     graph = load_graph(options.graph)
-    folder = _folder(options)
+    picture = _folder(options) / PICTURE
+    check_file_writable(picture)
     try:
         with ProgressBar() as progress, told_compiling():
             result = check(graph, config, threads=thread_count(options.threads), progress=progress)
@@ -35,12 +36,12 @@ def run(options: Namespace) -> int:
         raise InputError(options.graph, str(error), "name a graph whose nodes carry their scans") from error
     for note in result.notes:
         say(f"note: {note}")
-    write_whole(folder / PICTURE, _picture(graph, result, options.graph))
+    write_whole(picture, _picture(graph, result, options.graph))
     page = report(graph, result)
     if options.json:
-        print_json({**page, "picture": str(folder / PICTURE)})
+        print_json({**page, "picture": str(picture)})
     else:
-        print("\n".join(lines(page, folder / PICTURE)))
+        print("\n".join(lines(page, picture)))
     return 0 if result.consistent else INCONSISTENT
 
 
