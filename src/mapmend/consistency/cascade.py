@@ -27,7 +27,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-SAME_PASS_M, BULK, TAIL = 15.0, 0.9, 2.1
+SAME_PASS_M, BULK, TAIL = 15.0, 0.9, 1.9
 """What one in a hundred of all pairs exceeds in a consistent map is so many times what a tenth of those within this way
 along the odometry do. No wrong loop moves these far apart, so a wrong map does not excuse itself."""
 
