@@ -19,7 +19,7 @@ from mapmend.view.method_figures import EdgePanel, Path2D, draw_edges, draw_path
 Float = NDArray[np.float64]
 
 DRIVE = "laser alone"
-SHOWN = ("scanmatch", "go", "igo")
+SHOWN = ("gmapping", "go", "igo")
 
 
 def draw_all(rows: Sequence[Any], drives: Mapping[str, Any], folder: Path) -> None:

@@ -22,7 +22,7 @@ from mapmend.view.method_figures import EdgePanel, Path2D, draw_edges, draw_maps
 
 Float = NDArray[np.float64]
 
-SHOWN = ("go", "igo")
+SHOWN = ("gmapping", "go", "igo")
 
 
 @dataclass(frozen=True)

@@ -180,11 +180,9 @@ def config_of(model: str, seed: int) -> Config:
     config = Config(seed=seed)
     if model == "default":
         return config
-    wide = {
-        "translation_std_per_m": float(np.sqrt(TRANSLATION_VARIANCE)),
-        "rotation_std_per_rad": float(np.sqrt(ROTATION_VARIANCE)),
-    }
-    return replace(config, motion=replace(config.motion, **wide))  # type: ignore[arg-type]
+    per_m, per_rad = float(np.sqrt(TRANSLATION_VARIANCE)), float(np.sqrt(ROTATION_VARIANCE))
+    motion = replace(config.motion, translation_std_per_m=per_m, rotation_std_per_rad=per_rad)
+    return replace(config, motion=motion, gmapping=replace(config.gmapping, srr=per_m, stt=per_rad))
 
 
 def path_of(log: str, folder: str, ending: str) -> Path:
