@@ -13,6 +13,7 @@ PAPER_SECONDS = {"intel": (1311, 133.7, 13.4), "fr079": (833, 118.4, 29.5), "kil
 """MC Table I: N, R and seconds of the logs that we have too, at other numbers of scans."""
 
 SPECIFICITIES = (1.0, 0.95, 0.9, 0.8, 0.5)
+FEWEST_SEEDS = 10
 NEAR = 0.9
 """Specificity and recall of at least this are called near (1, 1)."""
 
@@ -58,6 +59,7 @@ def _experiment(results: Results, name: str, source: str, what: str, **wanted: A
         ours = f"median {high:.4f} m, {low:.4f} m; in {count} of {total} seeds"
         holds = high > low and 2 * count > total
         gap = "" if holds else f": {better} / {worse} = {low / high:.2f}"
+        gap += f" (by {total} seeds only)" if total < FEWEST_SEEDS else ""
         found.append(Claim(source, text, IN_PICTURES, ours, (REPRODUCED if holds else NOT_REACHED) + gap))
     return found
 
@@ -146,7 +148,7 @@ def _tuning(results: Results) -> list[Claim]:
         return [Claim(source, text, paper, "-", UNKNOWN) for text, paper in zip(texts, theirs, strict=True)]
     found, default = (sum(bool(row[key]) for row in rows) for key in ("consistent", "consistent_1"))
     share = found / len(rows)
-    first = SURPASSED if share > 0.8 else REPRODUCED if share == 0.8 else f"{NOT_REACHED}: {100 * share:.0f} %"
+    first = REPRODUCED if share >= 0.8 else f"{NOT_REACHED}: {100 * share:.0f} %"
     fails = default < found
     second = REPRODUCED if fails else f"{NOT_REACHED}: on these graphs phi = 1 does as well"
     errors = [median(dict(enumerate(row["errors"][key][0] for row in rows))) for key in ("phi*", "phi = 1", "clean")]

@@ -29,6 +29,7 @@ def write_page(folder: Path, page: Path) -> None:
     shown = _copy_pictures(folder, page.parent / "images")
     parts = [
         _head(),
+        results.printed("notes"),
         _claims_table(claims(results)),
         _section("IGO, experiment I: wheels that slip (Figures 5, 6 left)", EXPERIMENT_1, results, "slip", shown),
         _section(
@@ -83,7 +84,8 @@ FIGURE_5 = """
 ![Killian Court](images/results-killian.png)
 """
 TABLE_1 = """
-The paper: i7-3770K, 8 threads. Here: 2 threads. N scans, R that each overlaps with, K beams.
+The paper: i7-3770K of 2012, 8 threads. Here: 2 threads of a younger processor, which has its part in the factor, and
+other graphs of the same logs, so that seconds are compared by the pair. N scans, R that each overlaps with, K beams.
 """
 
 

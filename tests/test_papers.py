@@ -64,7 +64,7 @@ def test_claims_say_what_the_numbers_say(papers, tmp_path):
     ]
     (tmp_path / "slip.jsonl").write_text("\n".join(lines) + "\n")
     first, second, *_ = claims(Results(tmp_path))
-    assert first.verdict == "reproduced"
+    assert first.verdict == "reproduced (by 3 seeds only)"
     assert "2 of 3" in first.ours
     assert second.verdict.startswith("not reached")
     assert "1.50" in second.verdict
