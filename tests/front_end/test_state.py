@@ -179,6 +179,19 @@ def test_scans_between_two_nodes_bridge_what_the_optimizer_changed_without_a_jum
     assert jumps.sum() > 0.5 * size
 
 
+def test_scans_along_a_step_that_was_tracked_wrong_are_laid_evenly():
+    """The robot was believed to stand in a corridor, and drove 5 m past 10 scans."""
+    state = GraphState(empty_log(12))
+    state.add_node(0, np.zeros(3), np.eye(3), np.eye(3))
+    for k in range(1, 10):
+        state.hang_scan(k, 0, np.array([0.2 - 0.2 * 0.5**k, 0.0, 0.0]))
+    state.add_node(10, np.array([0.25, 0.0, 0.0]), np.eye(3), np.eye(3))
+    state.hang_scan(11, 1, np.array([0.3, 0.0, 0.0]))
+    state.node_pose[1] = (5.0, 0.0, 0.0)
+    np.testing.assert_allclose(state.scan_poses()[:11, 0], np.arange(11) * 0.5, atol=1e-12)
+    np.testing.assert_allclose(state.scan_poses()[11], [5.05, 0.0, 0.0], atol=1e-12)
+
+
 def test_scans_after_the_last_node_hang_on_it():
     log = empty_log(3)
     state = GraphState(log)

@@ -17,6 +17,8 @@ Float = NDArray[np.float64]
 SHORTEST_STRETCH = 8
 # A stretch less sure than this of its parts' covariance, by determinants, has something to add.
 WORTH_ADDING = 0.5
+# A step that was changed by more than this share of itself was tracked wrong, and so were the scans along it.
+WRONG_SHARE = 0.5
 # Information must be positive also along a bare corridor, where the chain of edges lacks none.
 LEAST_SHARE = 1e-3
 
@@ -185,7 +187,8 @@ class GraphState:
         """``T_map_robot`` of every scan of the log, shape (len(log), 3).
 
         A scan between two nodes follows both: it was found relative to the node before it, and what the optimizer
-        changed of the step to the node behind it is shared out along the way.
+        changed of the step to the node behind it is shared out along the way. Where that is more than half of the step,
+        the way was wrong too, and the scans are laid evenly in between, one after the other.
         """
         node = self.scan_node
         behind = se2.compose(self.node_pose[node], self.T_node_scan)
@@ -197,10 +200,21 @@ class GraphState:
         way = np.hypot(self.T_node_scan[:, 0], self.T_node_scan[:, 1]) + np.abs(self.T_node_scan[:, 2])
         share = np.clip(way / np.maximum(length + turn, 1e-9), 0.0, 1.0)
         share[after == node] = 0.0
+        is_wrong = np.hypot(change[:, 0], change[:, 1]) + np.abs(change[:, 2]) > WRONG_SHARE * (length + turn)
         # The change is a small motion at the next node; carried back to the scan, it is scaled before it is applied.
         T_scan_next = se2.between(behind, step)
         carried = np.einsum("nij,nj->ni", se2.adjoint(T_scan_next), change)
-        return se2.compose(behind, share[:, None] * carried)
+        poses = se2.compose(behind, share[:, None] * carried)
+        rows = np.flatnonzero(is_wrong & (after > node))
+        poses[rows] = self._laid_evenly(rows)
+        return poses
+
+    def _laid_evenly(self, scans: NDArray[np.int64]) -> Float:
+        """Poses of scans (m,) that divide the steps between their nodes in proportion to how many scans lie there."""
+        node = self.scan_node[scans]
+        begin, end = self.node_scan[node], self.node_scan[node + 1]
+        step = se2.between(self.node_pose[node], self.node_pose[node + 1])
+        return se2.compose(self.node_pose[node], ((scans - begin) / (end - begin))[:, None] * step)
 
 
 def _carried(carry: Float, covariance: Float) -> Float:
