@@ -322,7 +322,9 @@ def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured
             dropped = min(count, max(int(drop[0]), int(math.ceil(drop[1] * count))))
             row = block[n]
             measured[row, 0], measured[row, 1] = count, total
-            measured[row, 2], measured[row, 3] = count - dropped, sum_without_largest(depths[begin:end], count, dropped)
+            if dropped > 0:
+                total = sum_without_largest(depths[begin:end], count, dropped)
+            measured[row, 2], measured[row, 3] = count - dropped, total
 
 
 @njit(cache=True, nogil=True)
