@@ -143,16 +143,7 @@ def _add_map(commands: Commands) -> None:
         help="igo: matching, loops, optimization, biased edges mended (default); go: not mended; scanmatch: no loops; "
         "odometry: as the log says; gmapping: a particle filter",
     )
-    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
-    command.add_argument(
-        "--robust",
-        choices=("none", "auto"),
-        default="none",
-        help="auto: at the end, choose by the scans how far loops are doubted, as tune does (default: none)",
-    )
-    command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")
-    command.add_argument("--seed", type=_whole, metavar="N", help="seed of hypotheses and particles (default: 0)")
-    command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
+    _add_settings(command)
     _add_bag(command)
     _add_lenient(command)
     _add_threads(command)
@@ -177,10 +168,7 @@ def _add_compare(commands: Commands) -> None:
         metavar="M",
         help=f"which (default: {' '.join(COMPARED)})",
     )
-    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
-    command.add_argument("--seed", type=_whole, metavar="N", help="seed of hypotheses and particles (default: 0)")
-    command.add_argument("--align", action="store_true", help="turn the maps so that most walls run along their axes")
-    command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
+    _add_settings(command)
     _add_bag(command)
     _add_lenient(command)
     _add_threads(command)
@@ -354,6 +342,20 @@ def _add_view(commands: Commands) -> None:
 
 def _add_lenient(command: argparse.ArgumentParser) -> None:
     command.add_argument("--lenient", action="store_true", help="leave unusable lines of a log out, and say so")
+
+
+def _add_settings(command: argparse.ArgumentParser) -> None:
+    """What `configuration` in commands/map_log.py asks for."""
+    command.add_argument("--config", metavar="FILE", help="settings in TOML; what is not in it keeps its default")
+    command.add_argument(
+        "--robust",
+        choices=("none", "auto"),
+        default="none",
+        help="auto: at the end, choose by the scans how far loops are doubted, as tune does (default: none)",
+    )
+    command.add_argument("--align", action="store_true", help="turn the map so that most walls run along its axes")
+    command.add_argument("--seed", type=_whole, metavar="N", help="seed of hypotheses and particles (default: 0)")
+    command.add_argument("--no-odometry", action="store_true", help="map from the laser alone")
 
 
 def _add_bag(command: argparse.ArgumentParser) -> None:

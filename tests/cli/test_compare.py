@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapmend.cli import COMPARED
+from mapmend.cli import COMPARED, parser
 from mapmend.geometry import se2
 from mapmend.slam import METHODS
 
@@ -71,6 +71,11 @@ def test_what_cannot_end_well_is_one_line(mapmend, log_path, tmp_path, arguments
     assert answer.code == 2
     assert complaint in answer.complaint
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.clf"]
+
+
+def test_compare_takes_the_settings_that_map_takes():
+    maps, compares = (vars(parser().parse_args([*words, "LOG"])) for words in (("map", "-o", "RUN"), ("compare",)))
+    assert set(maps) - set(compares) <= {"method"}
 
 
 def test_the_methods_compared_are_methods():
