@@ -50,7 +50,8 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
     values = {
         "method": request["method"],
         "seconds": round(time.perf_counter() - began - compiling.seconds, 3),
-        "cpu_seconds": round(time.process_time() - began_cpu - compiling.seconds, 3),
+        "cpu_seconds": round(time.process_time() - began_cpu, 3),
+        "compile_seconds": round(compiling.seconds, 3),
         "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * MB_PER_RSS_UNIT, 1),
         "nodes": page["counts"]["nodes"],
         "loop_edges": page["counts"]["loop_edges"],
