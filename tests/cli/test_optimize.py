@@ -154,7 +154,10 @@ def test_files_that_cannot_be_used(mapmend, path, tmp_path, log_path):
     assert "name it without .gz" in mapmend("optimize", path, "-o", tmp_path / "out.g2o.gz").complaint
     assert "is a directory" in mapmend("optimize", path, "-o", tmp_path).complaint
     lines = path.read_text().splitlines()
-    path.write_text("\n".join(line for line in lines if not line.startswith("EDGE") or line.split()[1] == "7"))
+    fewer = [line for line in lines if not line.startswith("EDGE") or line.split()[1] == "7"]
+    path.write_text("\n".join(fewer))
+    assert "edges were added or taken out" in mapmend("optimize", path, "-o", out).complaint
+    path.write_text("\n".join(line for line in fewer if not line.startswith("#")))
     assert "no chain of edges joins node" in mapmend("optimize", path, "-o", out).complaint
     assert not out.exists()
 

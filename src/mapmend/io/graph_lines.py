@@ -240,10 +240,14 @@ def loops_by_ids(ids: Int, edges: Int) -> Bool:
 
 
 def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
-    """The edges that our own mark names."""
+    """The edges that our own mark names, which also says of how many."""
     named = _Lines()
     for text, number in zip(content.otherwise.texts, content.otherwise.numbers, strict=True):
-        for word in text.split():
+        words, _, count = text.partition(b" of ")
+        if count.strip() != b"%d" % edges:
+            what = f"this comment counts other edges than the file's {edges}: edges were added or taken out"
+            raise InputError(path, what, "remove it; loops are then told by the ids", number)
+        for word in words.split():
             named.add(word, number)
     if not named.texts:
         return np.zeros(0, np.int64)
@@ -251,7 +255,7 @@ def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
     wrong = (rows != np.floor(rows)) | (rows < 0) | (rows >= edges)
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise InputError(path, f"there is no edge {rows[k]:g}, the first is 0", "remove the line", named.numbers[k])
+        raise InputError(path, f"edge {rows[k]:g} of {edges}, counted from 0, is none", MEND, named.numbers[k])
     return rows.astype(np.int64)
 
 

@@ -46,7 +46,7 @@ def graph_text(graph: PoseGraph, words: tuple[str, str, tuple[int, ...]]) -> byt
     lines.append(EXACT_MARK)
     otherwise = np.flatnonzero(loops_by_ids(graph.ids, graph.edges) != graph.is_loop)
     if len(otherwise):
-        lines.append(OTHERWISE_MARK + b" ".join(b"%d" % k for k in otherwise.tolist()))
+        lines.append(OTHERWISE_MARK + b" ".join(b"%d" % k for k in otherwise.tolist()) + b" of %d" % len(graph.edges))
     return b"\n".join(lines) + b"\n"
 
 
