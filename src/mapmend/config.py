@@ -128,7 +128,7 @@ class ConsistencyConfig:
     scan_level: float = 0.01
     scan_dependence: float = 0.07  # correlation between the tests of one scan's pairs
     map_level: float = 0.01
-    map_dependence: float = 0.045  # and between the scans of one map
+    map_dependence: float = 0.04  # and between the scans of one map
 
 
 @dataclass(frozen=True)

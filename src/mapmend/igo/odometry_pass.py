@@ -168,17 +168,22 @@ class OdometryPass:
         self._usual_score += USUAL_SHARE * (best.score - self._usual_score)
         return best
 
-    def _doubt(self, pose: Float, poses: Poses, std: Spread) -> float:
+    def _doubt(self, j: int, pose: Float, poses: Poses, std: Spread) -> float:
         """What a pose must score ahead of the edge's for being farther from the odometry than that, up to its weight.
 
-        Nothing, where the optimizer sides with the new pose.
+        Nothing, where the optimizer sides with the new pose, and where wheels that slipped explain it: it falls short
+        of what they report, by more than they usually err. Wheels never report too little.
         """
         predicted, old, guess = poses
         if np.hypot(*(pose - guess)[:2]) < np.hypot(*(old - guess)[:2]):
             return 0.0
+        off, off_before = se2.between(predicted, pose), se2.between(predicted, old)
+        motion = self._expected_motion(j, predicted)
+        falls_short = turned(motion[:2], -motion[2]) @ off[:2] < 0.0
+        if falls_short and np.hypot(off[0], off[1]) > CONTRADICTS * std[0]:
+            return 0.0
         new, before = (
-            min(((off[0] ** 2 + off[1] ** 2) / std[0] ** 2 + (off[2] / std[1]) ** 2) / 9.0, 1.0)
-            for off in (se2.between(predicted, pose), se2.between(predicted, old))
+            min(((o[0] ** 2 + o[1] ** 2) / std[0] ** 2 + (o[2] / std[1]) ** 2) / 9.0, 1.0) for o in (off, off_before)
         )
         return self._config.motion.prior_weight * max(new - before, 0.0)
 
@@ -193,7 +198,7 @@ class OdometryPass:
         if match.score < self._config.match.min_score or len(points) == 0:
             return False
         score = self._matcher.judge(grid, points, old)[0] / len(points)
-        gain = match.score - score - self._doubt(match.pose, (predicted, old, guess), std)
+        gain = match.score - score - self._doubt(j, match.pose, (predicted, old, guess), std)
         noise = score_noise(score, len(points))
         if gain > max(TIE * noise, DROP):
             return True

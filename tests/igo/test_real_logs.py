@@ -1,0 +1,62 @@
+"""The public recordings: accuracy of igo over all relations, slipping wheels, and the long loops of fr-clinic."""
+
+import numpy as np
+import pytest
+
+from mapmend.config import Config
+from mapmend.evaluation.relations import relation_errors
+from mapmend.evaluation.slip import SlipModel, slip_log
+from mapmend.front_end.builder import FrontEnd
+from mapmend.igo.iterate import iterate
+from mapmend.io.carmen import read_carmen
+from mapmend.io.relations import read_relations
+from tests.real_data import data_path
+
+
+def relation_error_m(log, relations, poses):
+    """The mean translation error over all relations."""
+    errors = relation_errors(log.stamps_s, poses, relations.t1_s, relations.t2_s, relations.relative_poses)
+    assert errors.used == errors.total
+    return errors.translation_mean_m, errors.rotation_mean_deg
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "translation_m", "rotation_deg"), [("intel", 0.018, 0.40), ("fr079", 0.034, 0.50)])
+def test_a_clean_log_is_mapped_as_well_as_before_at_most_a_millimetre_worse(name, translation_m, rotation_deg):
+    log = read_carmen(data_path(f"logs/{name}.clf.bz2"))
+    true = read_relations(data_path(f"relations/{name}.relations"))
+    front_end = FrontEnd(log, Config())
+    before_m, _ = relation_error_m(log, true, front_end.run().scan_poses())
+    rounds = iterate(front_end).rounds
+    after_m, after_deg = relation_error_m(log, true, front_end.state.scan_poses())
+    assert after_m <= min(translation_m, before_m + 0.001)
+    assert after_deg <= rotation_deg
+    assert len(rounds) < 2 or rounds[1].matched <= rounds[0].matched / 4
+
+
+@pytest.mark.slow
+def test_where_wheels_slipped_the_error_is_less_than_half():
+    """30 slips of 90 % over 2 m along intel: some matches fell into a wrong basin with a score that nobody doubts."""
+    clean = read_carmen(data_path("logs/intel.clf.bz2"))
+    true = read_relations(data_path("relations/intel.relations"))
+    log = slip_log(clean, SlipModel("along", count=30, share=0.9, length_m=2.0), 0).log
+    front_end = FrontEnd(log, Config())
+    before_m, _ = relation_error_m(log, true, front_end.run().scan_poses())
+    iterate(front_end)
+    after_m, _ = relation_error_m(log, true, front_end.state.scan_poses())
+    assert before_m > 0.05
+    assert after_m < 0.5 * before_m
+
+
+@pytest.mark.slow
+def test_the_loops_that_close_fr_clinic_the_long_way_round_stay():
+    """The robot stood 2 m beside its start in the end; the loops that say so join nodes 800 m of way apart."""
+    log = read_carmen(data_path("logs/fr-clinic.clf.bz2"))
+    front_end = FrontEnd(log, Config())
+    front_end.run()
+    iterate(front_end)
+    state = front_end.state
+    end = state.scan_poses()[-1]
+    assert np.hypot(end[0] + 0.4, end[1] - 2.0) < 1.5
+    loops = np.array([(state.node_scan[e.anchor], state.node_scan[e.node]) for e in state.loops])
+    assert np.count_nonzero((loops[:, 0] < 3000) & (loops[:, 1] >= len(log) - 800)) >= 2
