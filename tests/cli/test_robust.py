@@ -58,7 +58,7 @@ def test_the_run_tells_of_it(mapmend, log_path, tmp_path):
 
 
 def test_the_tuned_run_says_phi_and_verdict(built, simulation, monkeypatch, mapmend, log_path, tmp_path):
-    monkeypatch.setitem(slam.METHODS, "go", lambda *_: built)
+    monkeypatch.setitem(slam.METHODS, slam.DEFAULT_METHOD, lambda *_: built)
     answer = mapmend("map", log_path, "-o", tmp_path / "run", "--robust", "auto")
     assert answer.code == 0
     assert "tuned: phi = " in answer.out
