@@ -42,7 +42,7 @@ TRANSLATION_VARIANCE, ROTATION_VARIANCE = 1.6, 0.8
 DEFAULT = SlipModel("along", count=30, share=0.9, length_m=2.0)
 """The weakest severity of the sweep at which go's median error on intel doubles, with the default motion model.
 
-It is harder to hurt than one would think; with the widened model its median over ten seeds is 2.3 times the clean error.
+It is harder to hurt than one would think; with the widened model its median is 2.3 times the clean error (ten seeds).
 """
 
 NO_SLIP = replace(DEFAULT, count=0)
