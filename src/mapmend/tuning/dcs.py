@@ -275,7 +275,7 @@ def _result(graph: PoseGraph, config: Config, search: _Search) -> TuneResult:
         most = max(search.refusals)
         notes.append(f"{len(search.refusals)} values of phi up to {most * most:g} gave no map: {search.refusals[most]}")
     if best == LARGEST_ROOT:
-        notes.append(f"M is least where the range of phi ends, at {LARGEST_ROOT**2:g}: no loop need be doubted more")
+        notes.append(f"M is least where the range of phi ends, at {LARGEST_ROOT**2:g}: larger ones were not tried")
     verdict = check(tuned, config.consistency, threads=search.threads, progress=search.progress)
     published = search.solutions.get(PUBLISHED_PHI, solution)
     return TuneResult(
