@@ -120,6 +120,7 @@ class ConsistencyConfig:
     drop_share: float = 0.1
     neighbours: int = 20  # scans before and after along the odometry that a scale is estimated from
     neighbours_m: float = 6.0  # and no farther than this: key scans lie metres apart, and drift between them
+    most_scale_m: float = 0.2  # scans of one pass that contradict each other by more show two walls, not noise
     scale_level: float = 0.05  # (10): a scan's pairs along the odometry all pass at this level
     prior_std_m: float = 0.03  # what an optimized pose may be off, added to every scale
     least_inflation: float = 0.4  # how far the pairs of one pass may narrow or widen the scales
@@ -184,6 +185,7 @@ ABOVE_ZERO = {
     "consistency.max_range_m",
     "consistency.min_points",
     "consistency.neighbours",
+    "consistency.most_scale_m",
     "consistency.scale_level",
     "consistency.prior_std_m",
     "consistency.least_inflation",

@@ -114,3 +114,9 @@ def test_odometry_alone_fails_on_real_graphs(name):
 
     graph = read(data_path(f"scangraphs/{name}"))
     assert not check(graph.with_poses(odometry_map(graph).poses), threads=2).consistent
+
+
+def test_a_map_of_raw_wheel_odometry_fails():
+    """Its own neighbours contradict each other, by 0.24 m in the median: by such scales anything would pass."""
+    log = mapmend.read_log(data_path("logs/fr079.clf.bz2"))
+    assert not check(mapmend.build_map(log, "odometry").graph).consistent

@@ -108,7 +108,9 @@ def estimate_scales(
 ) -> Float | None:
     """A scale for each node, (n,), metres: the largest that one of its pairs along the odometry implies, MC (10).
 
-    A node without such a pair takes the median. None where no node has one: the graph tells nothing of its noise.
+    A node without such a pair takes the median. No scale is above ``config.most_scale_m``: by scales of its own, a
+    map of raw wheel odometry would excuse whatever it shows. None where no node has a pair: the graph tells nothing
+    of its noise.
     """
     assert graph.scans is not None
     laid = odometry_map(graph)
@@ -128,7 +130,7 @@ def estimate_scales(
     np.maximum.at(scales, pairs[tested, 0], implied)
     np.maximum.at(scales, pairs[tested, 1], implied)
     scales[scales < 0.0] = np.median(scales[scales >= 0.0])
-    return scales
+    return np.minimum(scales, config.most_scale_m)
 
 
 def sensor_scales(n: int) -> Float:
