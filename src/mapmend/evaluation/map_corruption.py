@@ -175,7 +175,7 @@ def _merged_rooms(graph: PoseGraph, rng: Generator, strength: int) -> tuple[Pose
     tied = np.isin(graph.edges, stretch).any(axis=1) & graph.is_loop
     steps = np.arange(0, 3 * strength, 2)
     ends = np.stack((np.minimum(i + steps, len(graph) - 1), np.minimum(j + steps, len(graph) - 1)), axis=1)
-    return _with_loops(_keep_edges(graph, ~tied), ends[ends[:, 0] != ends[:, 1]], np.zeros(3))
+    return _with_loops(graph.with_edges(~tied), ends[ends[:, 0] != ends[:, 1]], np.zeros(3))
 
 
 def _missing_loop(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGraph, Int]:
@@ -249,7 +249,7 @@ def _slipped(graph: PoseGraph, rng: Generator, error: Float, steps: int) -> tupl
     moved[:, 1] = pivot[1] + sin * x + cos * y + share * error[1]
     moved[:, 2] = se2.wrap_angle(graph.poses[:, 2] + turn)
     earlier = graph.edges < last
-    kept = _keep_edges(graph, ~(graph.is_loop & (earlier[:, 0] != earlier[:, 1])))
+    kept = graph.with_edges(~(graph.is_loop & (earlier[:, 0] != earlier[:, 1])))
     slips = ~kept.is_loop & ((kept.edges >= first - 1) & (kept.edges <= last)).all(axis=1)
     measurements = kept.measurements.copy()
     i, j = kept.edges[slips].T
@@ -271,16 +271,6 @@ def _with_loops(graph: PoseGraph, ends: Int, claimed: Float) -> tuple[PoseGraph,
         is_loop=np.concatenate((graph.is_loop, np.ones(k, np.bool_))),
     )
     return broken, np.arange(m, m + k)
-
-
-def _keep_edges(graph: PoseGraph, keep: Bool) -> PoseGraph:
-    return replace(
-        graph,
-        edges=graph.edges[keep],
-        measurements=graph.measurements[keep],
-        information=graph.information[keep],
-        is_loop=graph.is_loop[keep],
-    )
 
 
 def _true_loops(truth: Float) -> Int:

@@ -60,3 +60,13 @@ class PoseGraph:
     def with_poses(self, poses: Float) -> PoseGraph:
         """The same graph with its nodes elsewhere; ``poses`` has shape (n, 3)."""
         return replace(self, poses=poses)
+
+    def with_edges(self, kept: NDArray[np.bool_]) -> PoseGraph:
+        """The same nodes with some of the edges; ``kept`` has shape (m,)."""
+        return replace(
+            self,
+            edges=self.edges[kept],
+            measurements=self.measurements[kept],
+            information=self.information[kept],
+            is_loop=self.is_loop[kept],
+        )

@@ -52,14 +52,7 @@ class KernelDescent(Descent):
 
     def part(self, kept: NDArray[np.bool_]) -> KernelDescent:
         """The same kernel and poses with the edges ``kept`` alone, shape (m,); each node must still hang on them."""
-        graph = replace(
-            self.graph,
-            poses=self.poses,
-            edges=self.graph.edges[kept],
-            measurements=self.measurements[kept],
-            information=self.graph.information[kept],
-            is_loop=self.graph.is_loop[kept],
-        )
+        graph = replace(self.graph.with_edges(kept), poses=self.poses, measurements=self.measurements[kept])
         return KernelDescent(System(graph), graph, self.information[kept], self.kernel, self.doubted[kept])
 
     def _begin(self) -> None:

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from mapmend.front_end.tracking import STD_PER_MEDIAN
+
 Float = NDArray[np.float64]
 
 # No robot holds its speed better: metres and radians per second, after one second.
@@ -21,8 +23,6 @@ LEAST_CHANGE = np.array([0.005, 0.005, 0.005])
 ITERATIONS = 6
 # Changes beyond so many standard deviations are taken for a decision of the robot, by the weights of a Cauchy cost.
 CAUCHY_SCALE = 2.4
-# Standard deviation of a normal distribution over the median of its absolute values.
-STD_PER_MEDIAN = 1.4826
 # An edge tells of the speed where its own standard deviation, in units of speed, is below this.
 KNOWN_SPEED = 0.05
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from mapmend.config import Config
 from mapmend.front_end.state import GraphState
+from mapmend.front_end.tracking import STD_PER_MEDIAN
 from mapmend.geometry import se2
 from mapmend.igo.observed import Float, Measured, NewEdge, runs, turned, without_gaps
 
@@ -21,8 +22,6 @@ from mapmend.igo.observed import Float, Measured, NewEdge, runs, turned, without
 SHORTEST_STEP_M = 0.1
 # With fewer steps nothing is learnt.
 FEWEST_STEPS = 20
-# Standard deviation of a normal distribution over the median of its absolute values.
-STD_PER_MEDIAN = 1.4826
 # Open stretches shorter than this are left alone.
 SHORTEST_STRETCH_M = 1.0
 # A motion that changes by less is the same.

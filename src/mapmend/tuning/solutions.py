@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,20 +56,8 @@ def _solve(start: PoseGraph, kernel: str, phi: float, system: System) -> Solutio
     try:
         if phi == 0.0:
             weights = np.where(start.is_loop, 0.0, 1.0)
-            return Solution(phi, optimize(without_loops(start)).poses, weights)
+            return Solution(phi, optimize(start.with_edges(~start.is_loop)).poses, weights)
         result = optimize(start, system=system, kernel=kernel_of(kernel, phi))
     except MapmendError as error:
         return error
     return Solution(phi, result.poses, result.edge_weights)
-
-
-def without_loops(graph: PoseGraph) -> PoseGraph:
-    """The same graph, its odometry edges alone."""
-    kept = ~graph.is_loop
-    return replace(
-        graph,
-        edges=graph.edges[kept],
-        measurements=graph.measurements[kept],
-        information=graph.information[kept],
-        is_loop=graph.is_loop[kept],
-    )
