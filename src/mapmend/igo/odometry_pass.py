@@ -41,8 +41,19 @@ TIE = 2.0
 MOST_GUESSES = 40
 
 
-Spread = tuple[float, float]
-Poses = tuple[Float, Float, Float]
+@dataclass(frozen=True)
+class Places:
+    """Where a node may be, poses (3,): the node ``behind`` it, and this one by odometry, by its edge, by the optimizer.
+
+    ``motion`` (3,): what is expected of the edge, with its ``std``: translation [m] and rotation [rad].
+    """
+
+    behind: Float
+    motion: Float
+    std: tuple[float, float]
+    predicted: Float
+    old: Float
+    guess: Float
 
 
 @dataclass(frozen=True)
@@ -102,10 +113,9 @@ class OdometryPass:
         state, m = self._state, self._measured
         points = self._points.of(int(state.node_scan[j]))
         motion = self._expected_motion(j, step)
-        predicted = se2.compose(behind, motion)
-        old, guess = se2.compose(behind, state.odometry_edge[j]), se2.compose(behind, step)
-        std = odometry_std(motion, self._config.motion)
-        match = self._best(grid, points, (behind, predicted, old, guess), std)
+        predicted, old, guess = (se2.compose(behind, one) for one in (motion, state.odometry_edge[j], step))
+        places = Places(behind, motion, odometry_std(motion, self._config.motion), predicted, old, guess)
+        match = self._best(grid, points, places)
         information, axis = self._observer.information(grid, points, match)
         found = se2.between(behind, match.pose)
         if axis.any():
@@ -116,7 +126,7 @@ class OdometryPass:
         if self._is_by_laser_alone and m.is_open[max(1, j - AFTER_OPEN) : j + 1].any():
             return self._steady_step(j), True, False
         differs = self._differs(j, found)
-        accepted = differs and not axis.any() and self._is_accepted(j, grid, points, match, (predicted, old, guess))
+        accepted = differs and not axis.any() and self._is_accepted(j, grid, points, match, places)
         return (found if accepted else step), differs, accepted
 
     def _differs(self, j: int, found: Float) -> bool:
@@ -146,18 +156,17 @@ class OdometryPass:
         odometry, scans = self._front_end.log.odometry, self._state.node_scan
         return se2.between(odometry[scans[j - 1]], odometry[scans[j]])
 
-    def _best(self, grid: SurfaceGrid, points: Float, starts: tuple[Float, Float, Float, Float], std: Spread) -> Match:
+    def _best(self, grid: SurfaceGrid, points: Float, places: Places) -> Match:
         """The best-scoring match from guesses between poses; scores that tie go to the pose nearest the optimizer's.
 
-        ``starts``: where the node before stands, where the odometry, the edge, and the optimizer put this one. Where
-        the first match scores low or contradicts the odometry, wheels may have slipped: part of the motion did not
-        happen, and guesses lie also between no motion and what the odometry reports.
+        Where the first match scores low or contradicts the odometry, wheels may have slipped: part of the motion did
+        not happen, and guesses lie also between no motion and what the odometry reports.
         """
-        behind, predicted, old, guess = starts
+        behind, predicted, guess, std = places.behind, places.predicted, places.guess, places.std
         best = self._matcher.match(grid, points, guess, round_prior(predicted, *std))
         off = se2.between(predicted, best.pose)
         doubtful = best.score < self._usual_score - DROP or np.hypot(off[0], off[1]) > CONTRADICTS * std[0]
-        others = between(old, guess, self._config.loops.guess_every_m)
+        others = between(places.old, guess, self._config.loops.guess_every_m)
         if doubtful and not self._is_by_laser_alone:
             others += [predicted, behind, *between(behind, predicted, self._config.loops.guess_every_m)]
         for start in others:
@@ -168,18 +177,17 @@ class OdometryPass:
         self._usual_score += USUAL_SHARE * (best.score - self._usual_score)
         return best
 
-    def _doubt(self, j: int, pose: Float, poses: Poses, std: Spread) -> float:
+    def _doubt(self, pose: Float, places: Places) -> float:
         """What a pose must score ahead of the edge's for being farther from the odometry than that, up to its weight.
 
         Nothing, where the optimizer sides with the new pose, and where wheels that slipped explain it: it falls short
         of what they report, by more than they usually err. Wheels never report too little.
         """
-        predicted, old, guess = poses
+        predicted, old, guess, std = places.predicted, places.old, places.guess, places.std
         if np.hypot(*(pose - guess)[:2]) < np.hypot(*(old - guess)[:2]):
             return 0.0
         off, off_before = se2.between(predicted, pose), se2.between(predicted, old)
-        motion = self._expected_motion(j, predicted)
-        falls_short = turned(motion[:2], -motion[2]) @ off[:2] < 0.0
+        falls_short = turned(places.motion[:2], -places.motion[2]) @ off[:2] < 0.0
         if falls_short and np.hypot(off[0], off[1]) > CONTRADICTS * std[0]:
             return 0.0
         new, before = (
@@ -187,18 +195,16 @@ class OdometryPass:
         )
         return self._config.motion.prior_weight * max(new - before, 0.0)
 
-    def _is_accepted(self, j: int, grid: SurfaceGrid, points: Float, match: Match, poses: Poses) -> bool:
+    def _is_accepted(self, j: int, grid: SurfaceGrid, points: Float, match: Match, places: Places) -> bool:
         """Whether a match replaces the edge that it differs from: by score, where scores tie by the optimizer.
 
-        ``poses``: where the odometry, the edge and the optimizer put the node. A difference within what edges of this
-        log scatter is none, unless the score says otherwise by far.
+        A difference within what edges of this log scatter is none, unless the score says otherwise by far.
         """
-        predicted, old, guess = poses
-        std = odometry_std(self._expected_motion(j, predicted), self._config.motion)
+        old, guess = places.old, places.guess
         if match.score < self._config.match.min_score or len(points) == 0:
             return False
         score = self._matcher.judge(grid, points, old)[0] / len(points)
-        gain = match.score - score - self._doubt(j, match.pose, (predicted, old, guess), std)
+        gain = match.score - score - self._doubt(match.pose, places)
         noise = score_noise(score, len(points))
         if gain > max(TIE * noise, DROP):
             return True
