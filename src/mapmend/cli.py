@@ -207,6 +207,7 @@ def _add_optimize(commands: Commands) -> None:
         "along a tree of the best edges, or rotations first",
     )
     command.add_argument("--all-edges", action="store_true", help="let the kernel doubt odometry edges too")
+    _add_threads(command)
 
 
 def _add_check(commands: Commands) -> None:

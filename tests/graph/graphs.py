@@ -45,6 +45,19 @@ def random_graph(seed: int, nodes: int = 12, loops: int = 8, noise: float = 1.0)
     return PoseGraph(poses, 10 * np.arange(nodes) + 7, edges, measurements, information, is_loop)
 
 
+def grid_graph(side: int) -> PoseGraph:
+    """A square of so many nodes by so many, a metre apart, each joined to its neighbours by what is true."""
+    row, column = np.divmod(np.arange(side * side), side)
+    poses = np.column_stack((column, row, np.zeros(side * side))).astype(np.float64)
+    vertices = np.arange(side * side).reshape(side, side)
+    pairs = [np.stack((vertices[:, :-1].ravel(), vertices[:, 1:].ravel()), axis=1)]
+    pairs.append(np.stack((vertices[:-1].ravel(), vertices[1:].ravel()), axis=1))
+    edges = np.concatenate(pairs).astype(np.int64)
+    information = random_information(np.random.default_rng(0), len(edges))
+    measurements = se2.between(poses[edges[:, 0]], poses[edges[:, 1]])
+    return PoseGraph(poses, vertices.ravel(), edges, measurements, information, np.diff(edges)[:, 0] > 1)
+
+
 def consistent(graph: PoseGraph) -> PoseGraph:
     """The same graph, its measurements those of its poses."""
     seen = se2.between(graph.poses[graph.edges[:, 0]], graph.poses[graph.edges[:, 1]])

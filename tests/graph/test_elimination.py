@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,8 @@ from hypothesis import strategies as st
 
 from mapmend.graph import _ordering_kernels as ordering
 from mapmend.graph import _symbolic_kernels as symbolic
-from mapmend.graph.elimination import analyse
+from mapmend.graph import elimination as elimination_of_graphs
+from mapmend.graph.elimination import analyse, multiply_adds
 from tests.graph.graphs import random_graph, read_public_graph
 from tests.reference import graph_elimination as reference
 
@@ -186,6 +189,41 @@ def test_updates_that_wait_at_the_same_time_do_not_overlap(pattern):
             child = int(fronts.next_child[child].view(np.int64))
         waiting[s] = room
         assert fronts.panel_starts[s + 1] - fronts.panel_starts[s] == 9 * len(own) * (len(own) + len(below))
+
+
+@several
+@given(patterns(), st.integers(2, 5))
+def test_subtrees_share_nothing_and_the_rest_follows_them(pattern, threads):
+    with mock.patch.object(elimination_of_graphs, "WORTH_THREADS", 0.0):
+        elimination = analyse(*pattern, threads)
+    fronts, runs = elimination.fronts, len(elimination.fronts.first_child)
+    ranges = np.concatenate((elimination.subtrees, elimination.rest))
+    assert sorted(run for first, end in ranges for run in range(first, end)) == list(range(runs))
+    assert list(elimination.rest.ravel()) == sorted(elimination.rest.ravel())
+    subtree_of = np.full(runs, -1)
+    rooms = []
+    for k, (first, end) in enumerate(elimination.subtrees):
+        subtree_of[first:end] = k
+        below = 9 * np.diff(fronts.row_starts.astype(int))[first:end] ** 2
+        starts = fronts.update_starts[first:end].astype(int)
+        rooms.append((starts.min(), (starts + below).max()))
+    assert all(a[1] <= b[0] for a, b in zip(sorted(rooms)[:-1], sorted(rooms)[1:], strict=True))
+    for run in range(runs):
+        child = int(fronts.first_child[run].view(np.int64))
+        while child >= 0:
+            # Work of a subtree needs nothing from outside it.
+            assert subtree_of[run] in (-1, subtree_of[child])
+            child = int(fronts.next_child[child].view(np.int64))
+
+
+def test_a_grid_is_cut_so_that_two_threads_need_two_thirds_of_the_time():
+    ends, count = grid(90)
+    elimination = analyse(ends, count, 2)
+    fronts = elimination.fronts
+    work = multiply_adds(fronts.firsts.astype(int), fronts.row_starts.astype(int))
+    parts = [work[first:end].sum() for first, end in elimination.subtrees]
+    assert work.sum() - sum(parts) + max(parts[0], sum(parts) / 2) < 0.67 * work.sum()
+    assert not len(analyse(ends, count).subtrees)
 
 
 def test_the_same_pattern_gives_the_same_elimination():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from hypothesis import strategies as st
 
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
+from mapmend.graph import elimination as elimination_of_graphs
+from mapmend.graph.marginals import marginals
 from mapmend.graph.system import Linearization, System
-from tests.graph.graphs import perturbed, random_graph
+from tests.graph.graphs import grid_graph, perturbed, random_graph
 from tests.reference import graph_elimination as elimination
 from tests.reference import graph_linearization as reference
 
@@ -103,6 +106,31 @@ def test_the_factor_is_that_of_cholesky(seed, nodes, loops):
     lower = elimination.dense_lower(system.elimination.fronts, system.factorize(linearization.values).lower)
     expected = np.linalg.cholesky(H[np.ix_(rows, rows)])
     np.testing.assert_allclose(lower, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 60), st.integers(0, 60), st.integers(2, 4))
+def test_threads_change_no_number(seed, nodes, loops, threads):
+    graph = perturbed(random_graph(seed, nodes, loops), seed, 0.3)
+    with mock.patch.object(elimination_of_graphs, "WORTH_THREADS", 0.0):
+        one, several = System(graph), System(graph, threads)
+        assert not len(one.elimination.subtrees)
+        values = one.linearize(graph.poses, graph.measurements, graph.information).values
+        alone, together = one.factorize(values), several.factorize(values)
+    np.testing.assert_array_equal(together.lower, alone.lower)
+    np.testing.assert_array_equal(marginals(together), marginals(alone))
+
+
+def test_a_large_graph_is_factorized_side_by_side_and_a_weak_pivot_is_found_there():
+    graph = grid_graph(80)
+    system, alone = System(graph, 2), System(graph)
+    assert len(system.elimination.subtrees) > 2
+    values = system.linearize(graph.poses, graph.measurements, graph.information).values
+    np.testing.assert_array_equal(system.factorize(values).lower, alone.factorize(values).lower)
+    values[: 9 * system.size // 3] *= 1e-3
+    for one in (system, alone):
+        with pytest.raises(MapmendError, match=r"nothing holds node \d+"):
+            one.factorize(values)
 
 
 def test_memory_that_is_taken_again_leaves_no_trace():

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mapmend.commands.console import ProgressBar, print_json, table, told_compiling
+from mapmend.commands.console import ProgressBar, print_json, table, thread_count, told_compiling
 from mapmend.errors import InputError, MapmendError
 from mapmend.graph.optimizer import OptimizationResult, edge_chi2, optimize
 from mapmend.graph.pose_graph import PoseGraph
@@ -43,7 +43,7 @@ def run(options: Namespace) -> int:
     with ProgressBar() as progress, told_compiling() as compiling:
         given_chi2 = float(edge_chi2(graph).sum())
         began = time.perf_counter()
-        system = System(graph)
+        system = System(graph, thread_count(options.threads))
         seconds["analyse"] = time.perf_counter() - began
         began = time.perf_counter()
         start = graph.with_poses(starting_poses(graph, options.init, system))

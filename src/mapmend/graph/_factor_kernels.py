@@ -156,21 +156,24 @@ def eliminate(values, q, smallest, lower, panel, own, height):
 
 
 @njit(cache=True, nogil=True)
-def factorize(values: Float, scale: float, smallest: float, fronts: Fronts, lower: Float, work: Float) -> np.int64:
+def factorize(
+    values: Float, scale: float, smallest: float, fronts: Fronts, lower: Float, work: Float, begin: int, end: int
+) -> np.int64:
     """Fills ``lower``, the panels of L, from H whose diagonal is multiplied by ``scale``; -1 where all went well.
 
-    Else the place of the first pivot below ``smallest`` times its diagonal entry. ``work`` holds the updates.
+    Else the place of the first pivot below ``smallest`` times its diagonal entry. ``work`` holds the updates. Of the
+    runs from ``begin`` to ``end``, whose children are done or among them.
     """
     firsts, first_child, next_child, row_starts, _, in_parent, panels, updates, block_starts, block_rows = fronts
     blocks_of_edges = NINE * np.uint64(block_starts.size - 1)
-    for run in range(np.uint64(first_child.size)):
-        first, end = firsts[run], firsts[run + ONE]
-        own, below = THREE * (end - first), THREE * (row_starts[run + ONE] - row_starts[run])
+    for run in range(np.uint64(begin), np.uint64(end)):
+        first, behind = firsts[run], firsts[run + ONE]
+        own, below = THREE * (behind - first), THREE * (row_starts[run + ONE] - row_starts[run])
         height, panel, update = own + below, panels[run], updates[run]
         lower[panel : panel + own * height] = 0.0
         work[update : update + below * below] = 0.0
         p = panel
-        for column in range(first, end):
+        for column in range(first, behind):
             t, q = p + THREE * (column - first), NINE * column
             lower[t], lower[t + ONE], lower[t + TWO] = values[q] * scale, values[q + ONE], values[q + TWO]
             t += height

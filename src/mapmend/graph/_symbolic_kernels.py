@@ -146,37 +146,42 @@ def block_layout(ends: Int, places: Int, firsts: Int, row_starts: Int, rows: Int
 
 
 @njit(cache=True, nogil=True)
-def storage(firsts: Int, parents: Int, row_starts: Int) -> tuple[Int, Int, Int, Int]:
+def storage(firsts: Int, parents: Int, row_starts: Int, subtrees: Int) -> tuple[Int, Int, Int, Int]:
     """Where the panel of each run begins in L, and its update in the workspace, each with the end: shape (runs + 1,).
 
     And the tree downwards: the first run that hangs on each, and the next on the same parent; -1 where there is none.
 
     An update lives from its run to the parent of that. Those of runs at an even depth of the tree lie on one stack,
     those at an odd depth on another: then a run writes its update while it reads its children's, and neither moves.
+    Each of the ``subtrees``, ranges of runs, has a pair of stacks of its own.
     """
     runs = len(parents)
     panel_starts, update_starts = np.zeros(runs + 1, np.int64), np.empty(runs + 1, np.int64)
-    odd, of_children = np.zeros(runs, np.int64), np.zeros(runs, np.int64)
+    stack, of_children = np.zeros(runs, np.int64), np.zeros(runs, np.int64)
+    for k in range(len(subtrees)):
+        stack[subtrees[k, 0] : subtrees[k, 1]] = 2 * k + 2
     first_child, next_child = np.empty(runs, np.int64), np.empty(runs, np.int64)
     for run in range(runs - 1, -1, -1):
         first_child[run] = next_child[run] = -1
         parent = parents[run]
         if parent >= 0:
-            odd[run] = 1 - odd[parent]
+            stack[run] += 1 - stack[parent] % 2
             next_child[run] = first_child[parent]
             first_child[parent] = run
-    tops, highest = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    tops, highest = np.zeros(2 * len(subtrees) + 2, np.int64), np.zeros(2 * len(subtrees) + 3, np.int64)
     for run in range(runs):
         width, below = firsts[run + 1] - firsts[run], row_starts[run + 1] - row_starts[run]
         panel_starts[run + 1] = panel_starts[run] + 9 * width * (width + below)
-        tops[1 - odd[run]] -= of_children[run]
-        update_starts[run] = tops[odd[run]]
+        mine = stack[run]
+        tops[mine ^ 1] -= of_children[run]
+        update_starts[run] = tops[mine]
         size = 9 * below * below
-        if parents[run] >= 0:
+        if parents[run] >= 0 and stack[parents[run]] // 2 == mine // 2:
             of_children[parents[run]] += size
-        tops[odd[run]] += size
-        highest[odd[run]] = max(highest[odd[run]], tops[odd[run]])
+        tops[mine] += size
+        highest[mine + 1] = max(highest[mine + 1], tops[mine])
+    begins = np.cumsum(highest)
     for run in range(runs):
-        update_starts[run] += odd[run] * highest[0]
-    update_starts[runs] = highest[0] + highest[1]
+        update_starts[run] += begins[stack[run]]
+    update_starts[runs] = begins[-1]
     return panel_starts, update_starts, first_child, next_child

@@ -11,13 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.graph.pose_graph import Int
+from mapmend.graph.pose_graph import Float, Int
 
 Unsigned = NDArray[np.uint64]
 
 # Runs of at most so many nodes are made of whatever is next to each other, wider ones while at most that share of
 # their blocks are zeros.
 NARROW, ZERO_SHARE = 3, 0.1
+# A factorization of fewer multiply-adds, a millisecond's work, is over before a second thread has begun; and the tree
+# is cut into at most so many subtrees.
+WORTH_THREADS, MOST_SUBTREES = 2e7, 64
 
 
 class Fronts(NamedTuple):
@@ -47,12 +50,16 @@ class Elimination:
     """``order``: which vertex comes when, shape (count,); ``places``: the other way round.
 
     ``block_of_edge``: shape (m,), which block below the diagonal of H an edge adds to, -1 where an end is fixed.
+    ``subtrees``, ``rest``: shape (k, 2) each, the first run and the end. Subtrees share nothing with each other and may
+    be factorized at the same time; the rest, in its order, when all of them are.
     """
 
     order: Int
     places: Int
     block_of_edge: Int
     fronts: Fronts
+    subtrees: Int
+    rest: Int
 
     @property
     def lower_size(self) -> int:
@@ -76,8 +83,11 @@ class Elimination:
         return np.asarray(corners[:, None, None] + three[:, None] + heights[:, None, None] * three)
 
 
-def analyse(ends: Int, count: int) -> Elimination:
-    """The elimination of ``count`` vertices that edges join, ``ends``: shape (m, 2), negative where an end is fixed."""
+def analyse(ends: Int, count: int, threads: int = 1) -> Elimination:
+    """The elimination of ``count`` vertices that edges join, ``ends``: shape (m, 2), negative where an end is fixed.
+
+    ``threads``: for how many it is cut into subtrees; the factor is the same for any number.
+    """
     from mapmend.graph import _ordering_kernels as ordering
     from mapmend.graph import _symbolic_kernels as symbolic
 
@@ -89,8 +99,42 @@ def analyse(ends: Int, count: int) -> Elimination:
     firsts, run_parents = symbolic.supernodes(parents, blocks, NARROW, ZERO_SHARE)
     row_starts, rows, in_parent = symbolic.fill_in(starts, neighbours, order, places, firsts, run_parents)
     block_of_edge, block_starts, block_rows = symbolic.block_layout(ends, places, firsts, row_starts, rows)
-    panel_starts, update_starts, first_child, next_child = symbolic.storage(firsts, run_parents, row_starts)
+    subtrees, rest = cut(run_parents, multiply_adds(firsts, row_starts), threads)
+    panel_starts, update_starts, first_child, next_child = symbolic.storage(firsts, run_parents, row_starts, subtrees)
     tree = (firsts, first_child, next_child)
     numbers = (row_starts, rows, in_parent, panel_starts, update_starts, block_starts, block_rows)
     fronts = Fronts._make(array.view(np.uint64) for array in (*tree, *numbers))
-    return Elimination(order, places, block_of_edge, fronts)
+    return Elimination(order, places, block_of_edge, fronts, subtrees, rest)
+
+
+def multiply_adds(firsts: Int, row_starts: Int) -> Float:
+    """How many the elimination of each run takes, shape (runs,)."""
+    own, below = (3.0 * np.diff(starts) for starts in (firsts, row_starts))
+    return np.asarray(((own + below) ** 3 - below**3) / 6.0)
+
+
+def cut(parents: Int, work: Float, threads: int) -> tuple[Int, Int]:
+    """The subtrees to be worked on side by side, the dearest first, and the rest; ranges of runs, shape (k, 2) each.
+
+    ``parents``, ``work``: of each run, in postorder, so that a subtree is a range. The dearest subtree is cut at its
+    root again and again; taken is the cut with which so many threads would be done first.
+    """
+    runs, whole = len(parents), float(work.sum())
+    if threads < 2 or whole < WORTH_THREADS:
+        return np.zeros((0, 2), np.int64), np.array([[0, runs]])
+    of_subtree, first = work.tolist(), list(range(runs))
+    for run, parent in enumerate(parents.tolist()):
+        if parent >= 0:
+            of_subtree[parent] += of_subtree[run]
+            first[parent] = min(first[parent], first[run])
+    roots, best, least = np.flatnonzero(parents < 0).tolist(), list[int](), whole
+    while 0 < len(roots) <= MOST_SUBTREES:
+        roots.sort(key=lambda root: -of_subtree[root])
+        together = sum(of_subtree[root] for root in roots)
+        longest = whole - together + max(of_subtree[roots[0]], together / threads)
+        if longest < least:
+            best, least = roots.copy(), longest
+        roots[:1] = np.flatnonzero(parents == roots[0]).tolist()
+    subtrees = np.array([(first[root], root + 1) for root in best], np.int64).reshape(-1, 2)
+    between = np.concatenate(([0], subtrees[np.argsort(subtrees[:, 0])].ravel(), [runs])).reshape(-1, 2)
+    return subtrees, between[between[:, 0] < between[:, 1]]

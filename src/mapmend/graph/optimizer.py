@@ -86,6 +86,7 @@ def optimize(
     system: System | None = None,
     kernel: Kernel | None = None,
     doubted: NDArray[np.bool_] | None = None,
+    threads: int = 1,
 ) -> OptimizationResult:
     """The optimum nearest ``graph.poses``; the fixed nodes stay.
 
@@ -104,7 +105,7 @@ def optimize(
     if doubted.shape != graph.is_loop.shape or doubted.dtype != np.bool_:
         raise MapmendError(f"doubted must be bool of shape {graph.is_loop.shape}, got {doubted.dtype} {doubted.shape}")
     if system is None:
-        system = System(graph)
+        system = System(graph, threads)
     elif not system.matches(graph):
         raise MapmendError("the system given was made for other edges or other fixed nodes")
     analysed = time.perf_counter()

@@ -16,6 +16,7 @@ from mapmend.errors import MapmendError
 from mapmend.graph.checks import check_connections, same_pattern
 from mapmend.graph.elimination import Elimination, analyse
 from mapmend.graph.pose_graph import Float, Int, PoseGraph
+from mapmend.parallel import map_in_order
 
 # Below this share of its diagonal entry, a pivot is what rounding left of a subtraction.
 SMALLEST_PIVOT = 1e-13
@@ -61,14 +62,16 @@ class System:
     """The pattern of a graph's normal equations, and the elimination that follows the pattern.
 
     Made from the nodes, edges and fixed nodes alone: poses, measurements and information may change between solves.
-    Raises ``MapmendError`` where the pattern leaves a node loose.
+    Raises ``MapmendError`` where the pattern leaves a node loose. ``threads`` factorize large systems, subtree beside
+    subtree; the numbers are the same for any number of them.
     """
 
-    def __init__(self, graph: PoseGraph) -> None:
+    def __init__(self, graph: PoseGraph, threads: int = 1) -> None:
         check_connections(graph)
         self.edges = np.array(graph.edges, dtype=np.int64, order="C")
         self.fixed = tuple(graph.fixed)
         self.ids = graph.ids
+        self.threads = threads
         free = np.ones(len(graph), dtype=np.bool_)
         free[list(self.fixed)] = False
         self.nodes = np.flatnonzero(free)
@@ -79,7 +82,7 @@ class System:
     @cached_property
     def elimination(self) -> Elimination:
         """The order and all that follows from it, made when first needed."""
-        return analyse(self.unknowns[self.edges], len(self.nodes))
+        return analyse(self.unknowns[self.edges], len(self.nodes), self.threads)
 
     @cached_property
     def places(self) -> Int:
@@ -153,9 +156,17 @@ class System:
     def _factorize(self, values: Float, damping: float, lower: Float) -> Factorization:
         from mapmend.graph import _factor_kernels
 
-        fronts = self.elimination.fronts
-        weak = _factor_kernels.factorize(values, 1.0 + damping, SMALLEST_PIVOT, fronts, lower, self._work)
-        if weak >= 0:
-            node = self.ids[self.nodes[self.elimination.order[weak]]]
+        elimination, room = self.elimination, self._work
+
+        def work(runs: list[int]) -> int:
+            fronts, scale = elimination.fronts, 1.0 + damping
+            return int(_factor_kernels.factorize(values, scale, SMALLEST_PIVOT, fronts, lower, room, *runs))
+
+        weak = [place for place in map_in_order(work, elimination.subtrees.tolist(), self.threads) if place >= 0]
+        for runs in elimination.rest.tolist():
+            if not weak:
+                weak = [place for place in (work(runs),) if place >= 0]
+        if weak:
+            node = self.ids[self.nodes[self.elimination.order[min(weak)]]]
             raise MapmendError(f"the graph's equations are singular to rounding: nothing holds node {node} in place")
         return Factorization(self.elimination, lower, self.unknowns)
