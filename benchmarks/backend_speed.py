@@ -1,9 +1,10 @@
 """The back end beside GTSAM 4.3 and g2o: seconds to solve public graphs and generated grid worlds, in one run.
 
-All take the same number of Gauss-Newton steps from the same poses, namely as many as mapmend needs by its own rule, ten
-at most. "solve" is all from the first linearization to the last update, ordering included. "call" is mapmend's whole
-`optimize`, with its checks of the graph, which the others do not make. "whole" is from a file to poses in memory, by
-each library's own reader; g2o-python has none, and its "whole" begins with numbers in memory.
+Ours on one thread a core (``--threads``), which only the grid worlds are large enough for; GTSAM and g2o as their
+wheels were built. All take the same number of Gauss-Newton steps from the same poses, namely as many as mapmend needs
+by its own rule, ten at most. "solve" is all from the first linearization to the last update, ordering included. "call"
+is mapmend's whole `optimize`, with its checks of the graph, which the others do not make. "whole" is from a file to
+poses in memory, by each library's own reader; g2o-python has none, and its "whole" begins with numbers in memory.
 "again" is mapmend's second solve of a graph with other weights, over the first. The first is all of `optimize` from
 the given poses: checks, order, symbolic analysis, and steps until it converges by its defaults. The second is all of
 `optimize` with the first's system from the first's optimum, loops weighed at random between a half and one, until it
@@ -116,6 +117,9 @@ def main() -> None:
         help="an interpreter with g2o-python (default: what MAPMEND_G2O_PYTHON names)",
     )
     parser.add_argument("--g2o-solver", default="LinearSolverEigenSE2", metavar="NAME", help="its solver of H x = b")
+    parser.add_argument(
+        "--threads", type=int, default=os.cpu_count() or 1, metavar="N", help="of ours, which large graphs use"
+    )
     parser.add_argument("--peak", type=float, default=21.0, metavar="G", help="multiply-adds a second of one core")
     parser.add_argument("--memory", type=float, default=10.0, metavar="G", help="bytes a second from and to memory")
     options = parser.parse_args()
@@ -142,11 +146,11 @@ def row(name: str, file: Path, options: argparse.Namespace) -> tuple[str, ...]:
     graph = read_g2o(file)
     steps = min(MOST_STEPS, max(1, optimize(graph, OptimizerSettings("gauss-newton", MOST_STEPS)).iterations))
     settings = OptimizerSettings("gauss-newton", steps, 0.0, 0.0)
-    rounds = [one_round(file, graph, settings) for _ in range(options.runs + 1)][1:]
+    rounds = [one_round(file, graph, settings, options.threads) for _ in range(options.runs + 1)][1:]
     middle = {key: statistics.median(r[key] for r in rounds) for key in rounds[0] if key != "told"}
     # One library's solves after another's would find the caches full of the other's numbers; g2o's have a process to
     # themselves.
-    calls = [one_call(graph, settings) for _ in range(options.runs + 1)][1:]
+    calls = [one_call(graph, settings, options.threads) for _ in range(options.runs + 1)][1:]
     gtsam_solves = [solve_with_gtsam(file, steps)[0] for _ in range(options.runs + 1)][1:]
     middle["gtsam_solve"] = statistics.median(gtsam_solves)
     middle["call"], middle["solve"] = (statistics.median(column) for column in zip(*calls, strict=True))
@@ -180,12 +184,12 @@ def row(name: str, file: Path, options: argparse.Namespace) -> tuple[str, ...]:
 def parts_row(name: str, options: argparse.Namespace) -> tuple[str, ...]:
     """What a solve of the graph is made of: the least milliseconds of each part, and the floors."""
     graph = load(name, options.data)
-    system = System(graph)
+    system = System(graph, options.threads)
     elimination, fronts = system.elimination, system.elimination.fronts
     spare = system.linearize(graph.poses, graph.measurements, graph.information)
     ends, count = system.unknowns[system.edges], len(system.nodes)
     work: tuple[Callable[[], Any], ...] = (
-        lambda: analyse(ends, count),
+        lambda: analyse(ends, count, options.threads),
         lambda: system.linearize(graph.poses, graph.measurements, graph.information, spare),
         lambda: system.solve(spare.values, spare.gradient),
         lambda: system.solve_again(spare.gradient),
@@ -211,11 +215,11 @@ def load(name: str, data: str) -> PoseGraph:
     return graph.with_poses(starting_poses(graph, "chordal")) if name in CHORDAL else graph
 
 
-def one_round(file: Path, graph: PoseGraph, settings: OptimizerSettings) -> dict[str, Any]:
+def one_round(file: Path, graph: PoseGraph, settings: OptimizerSettings, threads: int) -> dict[str, Any]:
     """Seconds of a whole call, and chi2, of mapmend and of GTSAM, one after the other."""
-    whole_s, result = timed(lambda: optimize(read_g2o(file), settings))
+    whole_s, result = timed(lambda: optimize(read_g2o(file), settings, threads=threads))
     weights = np.where(graph.is_loop, np.random.default_rng(0).uniform(0.5, 1.0, len(graph.edges)), 1.0)
-    first, again, told = first_and_again(graph, weights)
+    first, again, told = first_and_again(graph, weights, threads)
     marginals_s, gtsam_marginals_s = float("nan"), float("nan")
     small = len(graph) <= MOST_NODES_FOR_MARGINALS
     if small:
@@ -236,14 +240,14 @@ def one_round(file: Path, graph: PoseGraph, settings: OptimizerSettings) -> dict
     }
 
 
-def one_call(graph: PoseGraph, settings: OptimizerSettings) -> tuple[float, float]:
+def one_call(graph: PoseGraph, settings: OptimizerSettings, threads: int) -> tuple[float, float]:
     """Seconds of `optimize`, and of its solving alone; nothing but that happens between two calls, as with g2o."""
     began = time.perf_counter()
-    result = optimize(graph, settings)
+    result = optimize(graph, settings, threads=threads)
     return time.perf_counter() - began, result.seconds["solve"]
 
 
-def first_and_again(graph: PoseGraph, weights: np.ndarray[Any, Any]) -> tuple[float, float, str]:
+def first_and_again(graph: PoseGraph, weights: np.ndarray[Any, Any], threads: int) -> tuple[float, float, str]:
     """Seconds of a first call and of one with other weights that begins where the first ended, both until they
     converge; and how many steps and factorizations each took."""
     made: list[int] = []
@@ -253,7 +257,7 @@ def first_and_again(graph: PoseGraph, weights: np.ndarray[Any, Any]) -> tuple[fl
         made.append(1)
         return factorize(self, *arguments)
 
-    first_s, first = timed(lambda: optimize(graph))
+    first_s, first = timed(lambda: optimize(graph, threads=threads))
     solved = graph.with_poses(first.poses)
     again_s, again = timed(lambda: optimize(solved, weights=weights, system=first.system))
     told = []

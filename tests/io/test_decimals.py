@@ -35,6 +35,23 @@ def test_words_have_the_value_that_float_gives_them(words):
             np.testing.assert_equal(value, expected)
 
 
+@settings(max_examples=60)
+@given(st.integers(0, 2**32), st.integers(-30, 25))
+def test_many_long_words_have_the_value_that_float_gives_them(seed, exponent):
+    generator = np.random.default_rng(seed)
+    numbers = generator.normal(size=200) * 10.0**exponent
+    # Ties between two doubles, and what lies a digit beside them.
+    whole = 2**53 + 2 * generator.integers(0, 2**52, 50) + 1
+    words = [repr(float(x)) for x in numbers] + [f"{x:.17e}" for x in numbers] + [str(x) for x in whole]
+    words += [f"{x}.{'0' * (x % 4 // 2)}{x % 9}" for x in whole.tolist()]
+    words += ["1.5x", "nan", "-inf", "1_000", "1e400", "-0.0", "0.00", "+2.50000000000000000", "18446744073709551616"]
+    values, valid = parse(tokenize([" ".join(words).encode()]))
+    expected = [_expected(word) for word in words]
+    assert valid.tolist() == [value is not None for value in expected]
+    np.testing.assert_array_equal(values[valid], [value for value in expected if value is not None])
+    assert np.signbit(values[len(words) - 4])
+
+
 def test_lines_keep_their_words():
     tokens = tokenize([b"1 2", b"", b"  3\t4 5\r"])
     assert tokens.counts().tolist() == [2, 0, 3]

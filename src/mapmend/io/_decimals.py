@@ -1,8 +1,9 @@
 """Decimal numbers out of text and into text, a whole block at once.
 
 A log is millions of short numbers such as ``12.34``. Sixteen characters of each are looked at as two 64-bit words, so
-that NumPy does the arithmetic for all of them together; what does not look like a plain decimal goes through ``float``.
-The values are those of ``float`` to the last bit: digits below 2**53 divided by an exact power of ten round correctly.
+that NumPy does the arithmetic for all of them together. Numbers with all the digits that a double takes, as in pose
+graphs, have a kernel (``_decimal_kernels``), and the rest goes through ``float``. The values are those of ``float`` to
+the last bit: here, since digits below 2**53 divided by an exact power of ten round correctly.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ Bool = NDArray[np.bool_]
 _PAD = 16  # a word that ends at the first character may begin this far before it
 _CHUNK = 1 << 15  # numbers at a time: the words of a chunk stay in the cache
 _MOST_DECIMALS = 12
-_MOST_CHARACTERS = 40  # of words that are parsed together; no number takes more to read back to the same bits
+_FEW = 200  # words that ``float`` has read before a compiled kernel is loaded
+_LONG = 10.0  # of words that have more characters on average, most are for the kernel
 _POWERS = 10.0 ** np.arange(17)
 
 
@@ -78,6 +80,8 @@ def parse(tokens: Tokens, rows: Int | slice = slice(None)) -> tuple[Float, Bool]
     starts, ends = tokens.starts[rows], tokens.ends[rows]
     values = np.empty(len(starts))
     valid = np.ones(len(starts), np.bool_)
+    if len(starts) and float((ends - starts).mean()) > _LONG:
+        return _parse_odd(tokens.buffer, starts, ends)
     for begin in range(0, len(starts), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         values[part], plain = _parse_plain(tokens.buffer, starts[part], ends[part])
@@ -150,26 +154,20 @@ def _eight_digits(word: Words) -> Words:
 
 
 def _parse_odd(buffer: NDArray[np.uint8], starts: Int, ends: Int) -> tuple[Float, Bool]:
-    """The same by ``float``: exponents, long mantissas, nan, inf, and what is no number."""
-    lengths = ends - starts
-    width = int(lengths.max())
-    if width <= _MOST_CHARACTERS:
-        places = np.minimum(starts[:, None] + np.arange(width), len(buffer) - 1)
-        characters = np.where(np.arange(width) < lengths[:, None], buffer[places], np.uint8(0))
-        if not (characters == ord("_")).any():  # Python reads 1_000, no other program does
-            try:
-                return characters.view(f"S{width}")[:, 0].astype(np.float64), np.ones(len(starts), np.bool_)
-            except ValueError:
-                pass  # one of them is no number: word by word
-    values = np.full(len(starts), np.nan)
-    valid = np.zeros(len(starts), np.bool_)
-    for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+    """The same for exponents, long mantissas, nan, inf, and what is no number."""
+    values, valid = np.full(len(starts), np.nan), np.zeros(len(starts), np.bool_)
+    if len(starts) > _FEW:
+        from mapmend.io import _decimal_kernels
+
+        _decimal_kernels.parse(buffer, starts, ends, values, valid)
+    left = np.flatnonzero(~valid)
+    for k, start, end in zip(left.tolist(), starts[left].tolist(), ends[left].tolist(), strict=True):
         word = buffer[start:end].tobytes()
         try:
             values[k] = float(word)
         except ValueError:
             continue
-        valid[k] = b"_" not in word
+        valid[k] = b"_" not in word  # Python reads 1_000, no other program does
     return values, valid
 
 
