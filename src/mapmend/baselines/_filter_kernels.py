@@ -9,17 +9,12 @@ from numba import njit
 
 from mapmend.baselines._map_kernels import nearest_surface
 from mapmend.grid._kernels import cell_at
-from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER_SIDE
+from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER_SIDE, wrap
 
 # Samples stand so many standard deviations from the mode along each axis of the posterior, on both sides and at it: of
 # all lattices of 27, this one takes the least off the variance of a Gaussian (7 %).
 SAMPLE_STD = math.sqrt(3.0)
 SAMPLES = 27
-
-
-@njit(cache=True, nogil=True)
-def _wrap(angle):
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @njit(cache=True, nogil=True)
@@ -108,7 +103,7 @@ def match_scan(table, frame, cells, points, pose, prior, settings, normal):
         axx, ayy, att = hxx + prior_xy, hyy + prior_xy, htt + prior_t
         gx = bx + prior_xy * (x - prior[0])
         gy = by + prior_xy * (y - prior[1])
-        gt = bt + prior_t * _wrap(theta - prior[2])
+        gt = bt + prior_t * wrap(theta - prior[2])
         cxx, cxy, cxt = ayy * att - hyt * hyt, hxt * hyt - hxy * att, hxy * hyt - hxt * ayy
         determinant = axx * cxx + hxy * cxy + hxt * cxt
         if not determinant > 1e-30:
@@ -161,7 +156,7 @@ def log_likelihood(table, frame, cells, points, pose, settings):
 @njit(cache=True, nogil=True)
 def _log_prior(pose, prior):
     """log p(x | x', u), up to a constant that all particles share."""
-    dx, dy, dt = pose[0] - prior[0], pose[1] - prior[1], _wrap(pose[2] - prior[2])
+    dx, dy, dt = pose[0] - prior[0], pose[1] - prior[1], wrap(pose[2] - prior[2])
     return -0.5 * ((dx * dx + dy * dy) / (prior[3] * prior[3]) + dt * dt / (prior[4] * prior[4]))
 
 

@@ -16,8 +16,6 @@ import numpy as np
 from numba import njit
 
 from mapmend.grid._kernels import (
-    CLEARANCE,
-    MEAN_MEMORY,
     MOST_EVIDENCE,
     REACH,
     RETURN_WEIGHT,
@@ -25,7 +23,9 @@ from mapmend.grid._kernels import (
     TILE_BITS,
     TILE_CELLS,
     TILE_MASK,
+    average,
     cell_at,
+    clear_share,
 )
 
 ACROSS = 2 * REACH + 1
@@ -210,12 +210,9 @@ def insert_scan(table, frame, references, cells, points, pose, settings):
     for k in range(int(settings[1]), points.shape[0], int(settings[2])):
         dx = pose[0] + cos * points[k, 0] - sin * points[k, 1] - ox
         dy = pose[1] + sin * points[k, 0] + cos * points[k, 1] - oy
-        length = math.sqrt(dx * dx + dy * dy)
         nx = cos * points[k, 2] - sin * points[k, 3]
         ny = sin * points[k, 2] + cos * points[k, 3]
-        # A beam runs close to the surface it grazes for long: up to there, it says nothing of the surface's cells.
-        steepness = abs(nx * dx + ny * dy) / (length + 1e-9)
-        clear = 1.0 - CLEARANCE * size / (max(steepness, 0.1) * length + 1e-9)
+        clear = clear_share(dx, dy, nx, ny, size)
         if clear > 0.0:
             ray[0], ray[1], ray[2], ray[3] = ox, oy, ox + clear * dx, oy + clear * dy
             count = _pass_through(table, frame, references, evidence, ray, size, freed, count)
@@ -237,25 +234,4 @@ def insert_scan(table, frame, references, cells, points, pose, settings):
             surface[cell, 2], surface[cell, 3], surface[cell, 4] = nx, ny, 1.0
             _announce(table, frame, references, cells, cell, row, column, size)
         else:
-            _average(surface, returns, cell, x, y, nx, ny)
-
-
-@njit(cache=True, nogil=True)
-def _average(surface, returns, cell, x, y, nx, ny):
-    """One more return in a cell that has some."""
-    if returns[cell] < MEAN_MEMORY:
-        returns[cell] += 1
-    share = 1.0 / returns[cell]
-    surface[cell, 0] += share * (x - surface[cell, 0])
-    surface[cell, 1] += share * (y - surface[cell, 1])
-    if nx == 0.0 and ny == 0.0:
-        return
-    if surface[cell, 2] == 0.0 and surface[cell, 3] == 0.0:
-        surface[cell, 2], surface[cell, 3] = nx, ny
-        return
-    seen_from = 1.0
-    if nx * surface[cell, 2] + ny * surface[cell, 3] < 0.0:
-        seen_from, nx, ny = -1.0, -nx, -ny
-    surface[cell, 2] += share * (nx - surface[cell, 2])
-    surface[cell, 3] += share * (ny - surface[cell, 3])
-    surface[cell, 4] += share * (seen_from - surface[cell, 4])
+            average(surface, returns, cell, x, y, nx, ny)

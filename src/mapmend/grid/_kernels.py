@@ -210,6 +210,38 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
 
 
 @njit(cache=True, nogil=True)
+def clear_share(dx, dy, nx, ny, size):
+    """The share of a beam (dx, dy) to a surface with that normal that says where nothing is; none of it below 0.
+
+    A beam runs close to the surface it grazes for long: up to there, it says nothing of the surface's cells.
+    """
+    length = math.sqrt(dx * dx + dy * dy)
+    steepness = abs(nx * dx + ny * dy) / (length + 1e-9)
+    return 1.0 - CLEARANCE * size / (max(steepness, 0.1) * length + 1e-9)
+
+
+@njit(cache=True, nogil=True)
+def average(surface, returns, cell, x, y, nx, ny):
+    """One more return in a cell that has some."""
+    if returns[cell] < MEAN_MEMORY:
+        returns[cell] += 1
+    share = 1.0 / returns[cell]
+    surface[cell, 0] += share * (x - surface[cell, 0])
+    surface[cell, 1] += share * (y - surface[cell, 1])
+    if nx == 0.0 and ny == 0.0:
+        return  # nothing to add to what is known of the surface's direction
+    if surface[cell, 2] == 0.0 and surface[cell, 3] == 0.0:
+        surface[cell, 2], surface[cell, 3] = nx, ny
+        return
+    seen_from = 1.0
+    if nx * surface[cell, 2] + ny * surface[cell, 3] < 0.0:
+        seen_from, nx, ny = -1.0, -nx, -ny
+    surface[cell, 2] += share * (nx - surface[cell, 2])
+    surface[cell, 3] += share * (ny - surface[cell, 3])
+    surface[cell, 4] += share * (seen_from - surface[cell, 4])
+
+
+@njit(cache=True, nogil=True)
 def find_room(table, frame, tiles, points, origin, pose, size, box):
     """Whether the table covers a scan's points and its laser, and tiles enough are left for them.
 
@@ -251,13 +283,10 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
     for k in range(int(settings[1]), points.shape[0], int(settings[2])):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
-        # A beam runs close to the surface it grazes for long: up to there, it says nothing of the surface's cells.
         dx, dy = x - ox, y - oy
-        length = math.sqrt(dx * dx + dy * dy)
         nx = cos * points[k, 2] - sin * points[k, 3]
         ny = sin * points[k, 2] + cos * points[k, 3]
-        steepness = abs(nx * dx + ny * dy) / (length + 1e-9)
-        clear = 1.0 - CLEARANCE * size / (max(steepness, 0.1) * length + 1e-9)
+        clear = clear_share(dx, dy, nx, ny, size)
         if clear > 0.0:
             count = _pass_through(
                 table, frame, arrays, ox, oy, ox + clear * dx, oy + clear * dy, settings, freed, count
@@ -280,19 +309,4 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
             surface[cell, 2], surface[cell, 3], surface[cell, 4] = nx, ny, 1.0
             _announce(table, frame, surface, nearest, cell, row, column, size)
         else:
-            if returns[cell] < MEAN_MEMORY:
-                returns[cell] += 1
-            share = 1.0 / returns[cell]
-            surface[cell, 0] += share * (x - surface[cell, 0])
-            surface[cell, 1] += share * (y - surface[cell, 1])
-            if nx == 0.0 and ny == 0.0:
-                continue  # nothing to add to what is known of the surface's direction
-            if surface[cell, 2] == 0.0 and surface[cell, 3] == 0.0:
-                surface[cell, 2], surface[cell, 3] = nx, ny
-                continue
-            seen_from = 1.0
-            if nx * surface[cell, 2] + ny * surface[cell, 3] < 0.0:
-                seen_from, nx, ny = -1.0, -nx, -ny
-            surface[cell, 2] += share * (nx - surface[cell, 2])
-            surface[cell, 3] += share * (ny - surface[cell, 3])
-            surface[cell, 4] += share * (seen_from - surface[cell, 4])
+            average(surface, returns, cell, x, y, nx, ny)

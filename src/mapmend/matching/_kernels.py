@@ -21,7 +21,8 @@ ONE_SIDED = 0.8
 
 
 @njit(cache=True, nogil=True)
-def _wrap(angle):
+def wrap(angle):
+    """The angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
@@ -110,7 +111,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
         # Where the surfaces are rough (leaves, people), a distance says less, and the prior more.
         if weights > 0.0:
             s2 = max(settings[3] * settings[3], squares / weights)
-        px, py, pt = x - prior[3, 0], y - prior[3, 1], _wrap(theta - prior[3, 2])
+        px, py, pt = x - prior[3, 0], y - prior[3, 1], wrap(theta - prior[3, 2])
         axx, axy, axt = hxx + s2 * prior[0, 0], hxy + s2 * prior[0, 1], hxt + s2 * prior[0, 2]
         ayy, ayt, att = hyy + s2 * prior[1, 1], hyt + s2 * prior[1, 2], htt + s2 * prior[2, 2]
         gx = bx + s2 * (prior[0, 0] * px + prior[0, 1] * py + prior[0, 2] * pt)
