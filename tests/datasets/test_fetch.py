@@ -21,7 +21,6 @@ from mapmend.io.carmen import write_carmen
 from mapmend.io.reader import read
 from mapmend.scan import ScanLog
 from mapmend.simulation import corridor_loop, simulate
-from tests.cli.conftest import mapmend  # noqa: F401
 from tests.real_data import data_path
 
 
@@ -183,7 +182,7 @@ def test_a_file_that_is_there_comes_before_a_public_log_of_its_name(dataset, tmp
     assert len(read("drive")) == 1
 
 
-def test_the_command_shows_licence_and_citation(dataset, server, mapmend):  # noqa: F811
+def test_the_command_shows_licence_and_citation(dataset, server, mapmend):
     assert "drive  a drive; not fetched" in mapmend("datasets").out
     answer = mapmend("datasets", "fetch", "drive", "--mirror", server.url)
     assert answer.code == 0
@@ -215,7 +214,7 @@ HELD = {"intel": "logs/intel.clf.bz2", "fr079": "logs/fr079.clf.bz2", "fr-clinic
 
 
 @pytest.mark.parametrize("name", HELD)
-def test_the_pinned_hashes_are_those_of_the_recordings(name, server, monkeypatch, tmp_path, mapmend):  # noqa: F811
+def test_the_pinned_hashes_are_those_of_the_recordings(name, server, monkeypatch, tmp_path, mapmend):
     monkeypatch.setenv("MAPMEND_CACHE", str(tmp_path / "cache"))
     for file in registry.find(name).files:
         source = HELD[name] if file.name.endswith("bz2") else f"relations/{file.name}"

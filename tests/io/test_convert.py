@@ -17,7 +17,6 @@ from mapmend.io.reader import read
 from mapmend.io.tum import write_tum
 from mapmend.scan import LaserGeometry, Scans
 from mapmend.simulation import corridor_loop, simulate
-from tests.cli.conftest import mapmend  # noqa: F401
 from tests.real_data import data_path
 
 ROUNDING = 1e-12  # of a yaw that went through a quaternion
@@ -152,7 +151,7 @@ def test_a_cameras_poses_are_refused(tmp_path):
         convert(tmp_path / "00.txt", tmp_path / "x.kitti")
 
 
-def test_the_command_tells_what_came_of_it(tmp_path, log_file, mapmend):  # noqa: F811
+def test_the_command_tells_what_came_of_it(tmp_path, log_file, mapmend):
     answer = mapmend("convert", log_file, tmp_path / "path.tum")
     assert answer.code == 0
     assert "path.tum: tum, 50 of the log's scans\n  lost: the scans; the poses are the raw odometry" in answer.out

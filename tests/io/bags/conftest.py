@@ -1,10 +1,9 @@
-"""A short log, and the command line called in this process."""
+"""A short log, as the bags of the tests hold it."""
 
 import pytest
 
 from mapmend.commands.simulate import first_scans
 from mapmend.simulation import corridor_loop, simulate
-from tests.cli.conftest import log_path, mapmend, simulation  # noqa: F401
 
 
 @pytest.fixture(scope="session")
