@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mapmend.commands.tune import lines
 from mapmend.io.g2o import read_g2o, write_g2o
 from mapmend.io.reader import read
 from tests.consistency.scenes import room_graph
@@ -31,7 +32,7 @@ def test_a_folder_takes_graph_and_picture(mapmend, graph, path, tmp_path):
     answer = mapmend("tune", path, "-o", tmp_path / "out")
     assert answer.code == 0
     assert "the map is consistent" in answer.out
-    assert "switched off 3 loops" in answer.out
+    assert "switched off 3 of 8 loops: 3 contradict the map" in answer.out
     tuned = read_g2o(tmp_path / "out" / "graph.g2o")
     assert np.hypot(*(tuned.poses - graph.poses)[:, :2].T).max() < 0.08
     assert len(tuned.scans) == len(graph)
@@ -62,6 +63,30 @@ def test_without_output_nothing_is_written(mapmend, path, tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     assert mapmend("tune", path, "--kernel", "cauchy", "--init", "given").code == 0
     assert not list(tmp_path.iterdir())
+
+
+def test_loops_that_contradict_the_map_are_told_from_those_that_weigh_less(mapmend, path):
+    page = json.loads(mapmend("tune", path, "--json").out)
+    assert page["contradicting"] == sum(row["chi2"] > 11.345 for row in page["switched_off"]) == 3
+    assert "agree" not in "\n".join(lines(page))
+    said = "\n".join(lines(page | {"contradicting": 1}))
+    assert "switched off 3 of 8 loops: 1 contradict the map" in said
+    assert "the other 2 agree with it" in said
+    assert "switched off no loop" in "\n".join(lines(page | {"switched_off": []}))
+
+
+def test_the_other_minima_are_told_where_none_passes(mapmend, path):
+    page = json.loads(mapmend("tune", path, "--json").out) | {"consistent": False}
+    first = page["verdicts"][0]
+    assert "minim" not in lines(page)[-1]
+    assert (
+        "at the other minimum of M fail too, p at most 0.004"
+        in lines(page | {"verdicts": [first, first | {"p_value": 0.004}]})[-1]
+    )
+    assert (
+        "at 2 other minima of M fail too, p at most 0.004"
+        in lines(page | {"verdicts": [first, first | {"p_value": 0.004}, first | {"p_value": 0.0}]})[-1]
+    )
 
 
 def test_where_no_phi_gives_a_consistent_map_it_exits_with_1(mapmend, tmp_path):

@@ -32,6 +32,15 @@ def doubtful_room(false_loops=3, off_m=0.6, nodes=60):
     return replace(graph, edges=edges, measurements=measured, information=information, is_loop=is_loop), is_false
 
 
+def room_of_two_valleys():
+    """False loops that disagree with each other too, so that M(phi) of DCS has a second minimum at the largest phi."""
+    graph, is_false = doubtful_room(10, 0.3)
+    measurements = graph.measurements.copy()
+    spread = np.random.default_rng(2).uniform(-0.6, 0.6, (10, 3))
+    measurements[is_false] += spread * (1.0, 1.0, 0.1)
+    return replace(graph, measurements=measurements)
+
+
 def hopeless_room():
     """A graph whose odometry is false once, by a step that no kernel doubts, and whose loops say the same."""
     graph, _ = doubtful_room(0)

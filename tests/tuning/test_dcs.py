@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mapmend
+from mapmend.consistency.check import check
 from mapmend.consistency.measure import measure_pairs
 from mapmend.consistency.visibility import build_views
 from mapmend.errors import MapmendError
@@ -15,7 +16,7 @@ from mapmend.graph.starts import along_odometry
 from mapmend.tuning import dcs
 from mapmend.tuning.solutions import Solution, solve
 from tests.consistency.scenes import room_graph
-from tests.tuning.graphs import doubtful_room, hopeless_room
+from tests.tuning.graphs import doubtful_room, hopeless_room, room_of_two_valleys
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +98,60 @@ def test_any_kernel_of_one_parameter(kernel, monkeypatch):
 def test_where_no_phi_helps_the_verdict_says_so():
     result = mapmend.tune(hopeless_room())
     assert not result.consistent
+    assert result.phi == result.least_phi
+    assert not any(checked.consistent for checked in result.verdicts)
+    assert np.all(np.diff([checked.measure_m for checked in result.verdicts]) >= 0.0)
+
+
+def with_verdicts(monkeypatch, accepts):
+    """Lets ``check`` accept the maps that ``accepts`` does, and no other."""
+
+    def judged(graph, *args, **options):
+        return replace(
+            check(graph, *args, **options), consistent=accepts(graph), p_value=0.5 if accepts(graph) else 0.0
+        )
+
+    monkeypatch.setattr(dcs, "check", judged)
+
+
+def test_where_the_map_of_least_m_fails_the_lowest_valley_whose_map_passes_is_taken(monkeypatch):
+    graph = room_of_two_valleys()
+    best = mapmend.tune(graph)
+    assert best.phi == best.least_phi
+    assert [checked.phi for checked in best.verdicts] == [best.phi]
+    with_verdicts(monkeypatch, lambda g: not np.allclose(g.poses, best.graph.poses, atol=1e-6))
+    other = mapmend.tune(graph)
+    assert other.consistent
+    assert other.least_phi == best.phi != other.phi
+    assert [checked.consistent for checked in other.verdicts] == [False, True]
+    assert other.verdicts[1].phi == other.phi
+    assert other.verdicts[1].measure_m == pytest.approx(other.measure_m) == other.measure_at(other.phi)
+    assert (other.measure_m, other.overlapping) == dcs.average_measure(other.graph)
+    # It is a minimum of its own: M rises in between.
+    low, high = sorted((other.phi, other.least_phi))
+    between = other.curve_m[(other.curve_phi > low) & (other.curve_phi < high)]
+    assert between.max() > other.measure_m > other.curve_m.min()
+    assert "contradicts itself" in other.notes[0]
+    assert f"{best.phi:.4g}" in other.notes[0]
+
+
+def test_where_none_passes_the_map_of_least_m_is_given(monkeypatch):
+    with_verdicts(monkeypatch, lambda g: False)
+    result = mapmend.tune(room_of_two_valleys())
+    assert not result.consistent
+    assert result.phi == result.least_phi
+    assert 2 <= len(result.verdicts) <= dcs.MOST_CHECKED
+    assert not any("taken is" in note for note in result.notes)
+
+
+def test_valleys_are_the_curves_minima_that_are_deep_enough():
+    m = [5.0, 2.0, 3.0, 1.0, 1.001, 1.0005, 4.0, 1.5]
+    sums_m = {float(k): v for k, v in enumerate(m)}
+    assert dcs.valleys(sums_m) == [3.0, 7.0, 1.0]
+    assert dcs.valleys({0.0: 1.0, 1.0: 1.0, 2.0: 1.0}) == [2.0]
+    assert dcs.valleys({0.0: 0.0}) == [0.0]
+    many = {float(k): 1.0 + k % 2 + k / 100.0 for k in range(40)}
+    assert len(dcs.valleys(many)) == dcs.MOST_CHECKED
 
 
 def test_at_phi_0_the_loops_are_left_out_and_all_solves_start_alike():

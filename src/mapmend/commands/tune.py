@@ -15,6 +15,7 @@ from mapmend.commands.console import ProgressBar, print_json, say, table, thread
 from mapmend.config import Config, read_toml
 from mapmend.errors import InputError, MapmendError, OutputError
 from mapmend.graph.optimizer import edge_chi2
+from mapmend.graph.robust import TRUE_EDGE_CHI2
 from mapmend.io.g2o import write_g2o
 from mapmend.io.output import check_file_writable, write_whole
 from mapmend.io.toro import write_toro
@@ -108,6 +109,7 @@ def report(options: Namespace, result: TuneResult, places: Places | None) -> dic
         "kernel": result.kernel,
         "init": options.init,
         "phi": result.phi,
+        "least_phi": result.least_phi,
         "measure": result.measure_m,
         "measure_published": result.measure_at(PUBLISHED_PHI),
         "overlapping": result.overlapping,
@@ -118,6 +120,7 @@ def report(options: Namespace, result: TuneResult, places: Places | None) -> dic
         "pairs_asked": result.asked,
         "consistent": result.consistent,
         "p_value": verdict.p_value,
+        "verdicts": [checked._asdict() for checked in result.verdicts],
         "scans_tested": int(np.count_nonzero(verdict.scans.tested)),
         "scans_inconsistent": int(np.count_nonzero(verdict.scans.failed)),
         "switched_off": [
@@ -126,6 +129,7 @@ def report(options: Namespace, result: TuneResult, places: Places | None) -> dic
                 result.switched_off.tolist(), graph.ids[graph.edges[result.switched_off]].tolist(), strict=True
             )
         ],
+        "contradicting": int(np.count_nonzero(chi2[result.switched_off] > TRUE_EDGE_CHI2)),
         "notes": list(result.notes),
     }
 
@@ -141,21 +145,33 @@ def lines(page: dict[str, Any]) -> list[str]:
         f"{page['graph']}: {page['nodes']} nodes, {page['loops']} loop edges, kernel {page['kernel']}",
         f"  phi = {page['phi']:.4g}: scans contradict each other by {page['measure']:.4g} m a pair{beside}",
         f"  looked at {len(page['curve'])} values of phi, at one pair of scans in {round(1.0 / page['sampled'])}",
-        *_off_lines(page["switched_off"]),
+        *_off_lines(page),
         f"  seconds: {sum(seconds.values()):.1f} ({spent}{compiled})",
     ]
     text += [f"  graph: {page['output']}", f"  picture: {page['picture']}"] if page["output"] else []
     counts = f"{page['scans_inconsistent']} of {page['scans_tested']} scans contradict the others"
     if page["consistent"]:
         return [*text, f"the map is consistent: p = {page['p_value']:.3g}, {counts}"]
-    return [*text, f"no phi gives a consistent map: at the best one p = {page['p_value']:.3g}, {counts}"]
+    others = [checked["p_value"] for checked in page["verdicts"][1:]]
+    minima = "the other minimum" if len(others) == 1 else f"{len(others)} other minima"
+    beside = f"; the maps at {minima} of M fail too, p at most {max(others):.3g}" if others else ""
+    return [*text, f"no phi gives a consistent map: at the best one p = {page['p_value']:.3g}, {counts}{beside}"]
 
 
-def _off_lines(rows: list[dict[str, Any]]) -> list[str]:
-    """The loops that phi* switched off, those farthest off first."""
+def _off_lines(page: dict[str, Any]) -> list[str]:
+    """The loops that were switched off, those farthest off first; and how many contradict the map at all."""
+    rows = page["switched_off"]
     if not rows:
         return ["  switched off no loop"]
-    text = [f"  switched off {len(rows)} loop{'s' * (len(rows) != 1)}"]
+    text = [
+        f"  switched off {len(rows)} of {page['loops']} loops: {page['contradicting']} contradict the map (chi2 above "
+        f"{TRUE_EDGE_CHI2:.1f})"
+    ]
+    if len(rows) > page["contradicting"]:
+        text.append(
+            f"    the other {len(rows) - page['contradicting']} agree with it within their covariances: so small a phi "
+            "keeps only loops that fit closer"
+        )
     worst = sorted(rows, key=lambda row: -row["chi2"])[:MOST_ROWS]
     cells = [(f"{r['from']} -> {r['to']}", str(r["edge"]), f"{r['chi2']:.1f}", f"{r['weight']:.2g}") for r in worst]
     text += [f"    {line}" for line in table(("nodes", "edge", "chi2", "weight"), cells).splitlines()]

@@ -10,6 +10,12 @@ M(phi) has no closed form and jumps wherever a loop is let go: it has several lo
 a grid in sqrt(phi) over [0, 16] followed by bisection, MC (12), but around the lowest few local minima of the grid; and
 the grid is finer near 0, where maps change fastest.
 
+M is an average and may favour a few strong contradictions over many weak ones, as MC warns. So the map of least M is
+put to the test of ``check``. Where it fails, the other valleys of M are asked too, the lowest first, and the first
+whose map passes is taken: whoever tunes wants a map to drive by, and the answer "consistent" must be about the graph
+that is given. The notes say so, and what M it costs. The price: one of several wrong maps passes more easily than one
+alone, so few are asked. Where none passes, the map of least M is given, and said to be inconsistent.
+
 Two things make it cheap. The search looks at a sample of the pairs, the same in all maps: it compares maps, and what
 the sample misses is nearly the same in all; what it ends with is measured over all pairs. And within the sample a pair
 is measured again only where it moved by more than a tolerance (``pair_sample``).
@@ -18,6 +24,7 @@ is measured again only where it moved by more than a tolerance (``pair_sample``)
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +43,7 @@ from mapmend.tuning.solutions import Solution, solve
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
+Judged = list[tuple[float, CheckResult]]
 
 DEFAULT_CONFIG = Config()
 PUBLISHED_PHI = 1.0
@@ -65,21 +73,39 @@ TOLERANCE = 0.01
 what this leaves out is a hundredth of the bound (``benchmarks/tuning.py --what shortcut``)."""
 
 
+VALLEY_DEPTH = 0.002
+MOST_CHECKED = 5
+"""Where the map of least M fails the check, so many minima of M are checked, that one included, if they are valleys:
+if M rises by this share to both sides before it falls below them."""
+
+
+class Verdict(NamedTuple):
+    """What ``check`` says of the map at phi, whose M the curve has at ``measure_m``."""
+
+    phi: float
+    measure_m: float
+    p_value: float
+    consistent: bool
+
+
 @dataclass(frozen=True)
 class TuneResult:
-    """``phi`` is phi* of MC (12), ``measure_m`` M(phi*), metres, over all ``overlapping`` pairs.
+    """``phi``: of the map that is taken; ``measure_m``: its M, metres, over all ``overlapping`` pairs.
 
+    ``least_phi`` is phi* of MC (12), where M is least. It is ``phi`` too, unless its map fails the check and that of
+    another minimum passes, ``verdicts``: the maps that were checked, the least M first.
     ``curve_phi``, ``curve_m``: (f,), the values looked at, rising, and their M as the sample has it, scaled so that
-    that of phi* is ``measure_m``. ``sampled``: the share of the pairs in the sample. ``curve_bound``: the share of M
+    that of ``phi`` is ``measure_m``. ``sampled``: the share of the pairs in the sample. ``curve_bound``: the share of M
     by which the curve may be off for pairs that were not measured again; ``measured`` of ``asked`` pairs were.
-    ``graph``: at phi*; ``published``: at phi = 1. ``edge_weights``: (m,), the kernel's at phi*; ``switched_off``: rows
-    of the edges that it distrusts. ``check``: the verdict on the graph at phi*. ``notes``: what had to be assumed.
+    ``graph``: at ``phi``; ``published``: at 1. ``edge_weights``: (m,), the kernel's at ``phi``; ``switched_off``: rows
+    of the edges that it distrusts. ``check``: the verdict on ``graph``. ``notes``: what had to be assumed.
     """
 
     kernel: str
     phi: float
     measure_m: float
     overlapping: int
+    least_phi: float
     curve_phi: Float
     curve_m: Float
     curve_bound: float
@@ -91,6 +117,7 @@ class TuneResult:
     edge_weights: Float
     switched_off: Int
     check: CheckResult
+    verdicts: tuple[Verdict, ...]
     notes: tuple[str, ...]
 
     @property
@@ -239,6 +266,23 @@ def minima(roots: list[float], sums_m: dict[float, float]) -> list[float]:
     return sorted(chosen, key=lambda r: (sums_m[r], -r))[:MOST_MINIMA]
 
 
+def valleys(sums_m: dict[float, float]) -> list[float]:
+    """The roots of the curve's local minima that are worth a check, the lowest first: MOST_CHECKED at most.
+
+    Dips less deep than VALLEY_DEPTH of the least M are the same map, or as good as that.
+    """
+    from scipy.signal import find_peaks
+
+    roots = np.array(sorted(sums_m))
+    values = np.array([sums_m[r] for r in roots.tolist()])
+    outside = 2.0 * values.max() + 1.0
+    heights = -np.concatenate(([outside], values, [outside]))
+    dips = find_peaks(heights, prominence=VALLEY_DEPTH * values.min())[0] - 1
+    least = min(sums_m, key=lambda r: (sums_m[r], -r))
+    others = sorted((r for r in roots[dips].tolist() if sums_m[r] > sums_m[least]), key=lambda r: sums_m[r])
+    return [least, *others][:MOST_CHECKED]
+
+
 def _bisect(search: _Search) -> None:
     """MC (12): halves the step to both sides of each of the lowest minima, and goes on with the best of the three."""
     roots = search.rising()
@@ -262,29 +306,25 @@ def _neighbours(root: float, roots: list[float]) -> list[float]:
 
 
 def _result(graph: PoseGraph, config: Config, search: _Search) -> TuneResult:
-    """The map at the least M, measured over all pairs, and the verdict on it, as MC advises."""
-    roots, best = search.rising(), search.least()
+    """The map that is taken, measured over all pairs, and the verdict on it, as MC advises."""
+    roots, least = search.rising(), search.least()
+    best, verdict, verdicts = _judge(graph, config, search)
     solution = search.solutions[best]
     tuned = graph.with_poses(solution.poses)
     measure_m, overlapping = average_measure(tuned, config, search.threads, search.progress)
     sums = np.array([search.sums_m[r] for r in roots])
-    of_best = search.sums_m[best]
-    bound = max(search.bounds_m[r] / search.sums_m[r] for r in roots if search.sums_m[r] > 0.0) if of_best else 0.0
-    notes = []
-    if search.refusals:
-        most = max(search.refusals)
-        notes.append(f"{len(search.refusals)} values of phi up to {most * most:g} gave no map: {search.refusals[most]}")
-    if best == LARGEST_ROOT:
-        notes.append(f"M is least where the range of phi ends, at {LARGEST_ROOT**2:g}: larger ones were not tried")
-    verdict = check(tuned, config.consistency, threads=search.threads, progress=search.progress)
+    of_best, of_least = search.sums_m[best], search.sums_m[least]
+    bound = max(search.bounds_m[r] / search.sums_m[r] for r in roots if search.sums_m[r] > 0.0) if of_least else 0.0
+    scale = measure_m / of_best if of_best else 1.0
     published = search.solutions.get(PUBLISHED_PHI, solution)
     return TuneResult(
         kernel=search.kernel,
         phi=best * best,
         measure_m=measure_m,
         overlapping=overlapping,
+        least_phi=least * least,
         curve_phi=np.array(roots) ** 2,
-        curve_m=sums * (measure_m / of_best) if of_best else sums,
+        curve_m=sums * scale,
         curve_bound=bound,
         sampled=1.0 / search.sample.stride,
         measured=search.measured,
@@ -294,5 +334,39 @@ def _result(graph: PoseGraph, config: Config, search: _Search) -> TuneResult:
         edge_weights=solution.edge_weights,
         switched_off=distrusted(solution.edge_weights),
         check=verdict,
-        notes=(*notes, *verdict.notes),
+        verdicts=tuple(Verdict(r * r, search.sums_m[r] * scale, v.p_value, v.consistent) for r, v in verdicts),
+        notes=(*_notes(search, best, verdicts), *verdict.notes),
     )
+
+
+def _judge(graph: PoseGraph, config: Config, search: _Search) -> tuple[float, CheckResult, Judged]:
+    """The root of the map that is taken, the verdict on it, and those on all that were checked.
+
+    The valleys of M are checked, the lowest first, until one passes. Where none does, the lowest is taken.
+    """
+    judged: Judged = []
+    for root in valleys(search.sums_m):
+        tuned = graph.with_poses(search.solutions[root].poses)
+        verdict = check(tuned, config.consistency, threads=search.threads, progress=search.progress)
+        judged.append((root, verdict))
+        if verdict.consistent:
+            return root, verdict, judged
+    return *judged[0], judged
+
+
+def _notes(search: _Search, best: float, judged: Judged) -> list[str]:
+    """What had to be assumed, and why the map taken is not the one of least M, if it is not."""
+    notes = []
+    if search.refusals:
+        most = max(search.refusals)
+        notes.append(f"{len(search.refusals)} values of phi up to {most * most:g} gave no map: {search.refusals[most]}")
+    least = search.least()
+    if least == LARGEST_ROOT:
+        notes.append(f"M is least where the range of phi ends, at {LARGEST_ROOT**2:g}: larger ones were not tried")
+    if best != least:
+        more = search.sums_m[best] / search.sums_m[least] - 1.0
+        notes.append(
+            f"M is least at phi = {least**2:.4g}, but that map contradicts itself (p = {judged[0][1].p_value:.3g}); "
+            f"taken is the lowest minimum of M whose map passes the check: its M is {more:.1%} higher"
+        )
+    return notes

@@ -72,11 +72,7 @@ class PairSample:
         ``tolerance_m``: the mean bound that pairs may have which are not measured again, those that moved least first;
         below 0 every pair is measured in every map.
         """
-        rows = np.arange(len(self.scans))
-        lasers = np.stack([laser_places(self.scans, rows, p) for p in poses])
-        centres = np.empty((len(poses), len(rows), 2))
-        _kernels.place_circles(lasers, self.circles, centres)
-        self._list(centres, threads)
+        lasers, centres = self.list_pairs(poses, threads)
 
         def work(begin: int) -> tuple[Float, Float, Int, int]:
             piece = slice(begin, begin + PAIRS_A_PIECE)
@@ -93,9 +89,15 @@ class PairSample:
             asked=len(self.pairs) * len(poses),
         )
 
-    def _list(self, centres: Float, threads: int) -> None:
-        """Takes up pairs that meet in one of the maps and are not listed yet."""
+    def list_pairs(self, poses: list[Float], threads: int = 1) -> tuple[Float, Float]:
+        """Takes up pairs that meet in one of the maps and are not listed yet.
+
+        Returns the lasers, (f, n, 4), and the middles of the circles of view, (f, n, 2), in each map.
+        """
         n = len(self.circles)
+        lasers = np.stack([laser_places(self.scans, np.arange(n), p) for p in poses])
+        centres = np.empty((len(poses), n, 2))
+        _kernels.place_circles(lasers, self.circles, centres)
 
         def work(begin: int) -> Int:
             first = (begin, min(begin + SCANS_A_PIECE, n))
@@ -111,6 +113,7 @@ class PairSample:
         self.pairs = np.concatenate((self.pairs, found))
         self.kept = np.concatenate((self.kept, np.full((len(found), 4), np.nan)))
         self.values = np.concatenate((self.values, np.zeros(len(found))))
+        return lasers, centres
 
     def _evaluate_piece(
         self, piece: slice, lasers: Float, centres: Float, tolerance_m: float

@@ -52,9 +52,14 @@ def tune_png(result: TuneResult, name: str) -> bytes:
 
 
 def _draw_curve(axes: Axes, result: TuneResult, zoom: float | None) -> None:
-    """M over sqrt(phi), as in MC Figure 4; with ``zoom`` only where M is that share above the least."""
+    """M over sqrt(phi), as in MC Figure 4; with ``zoom`` only where M is that share above the least.
+
+    The map shown is at the line; dotted, where M is least, if another map is shown.
+    """
     roots = np.sqrt(result.curve_phi)
     axes.plot(roots, result.curve_m, ".-", color=CURVE, linewidth=1.0, markersize=4)
+    if result.least_phi != result.phi:
+        axes.axvline(float(np.sqrt(result.least_phi)), color=BEST, linewidth=1.0, linestyle=":")
     axes.axvline(float(np.sqrt(result.phi)), color=BEST, linewidth=1.2)
     axes.set(xlabel="root of phi", ylabel="M(phi) [m a pair]")
     least = float(result.curve_m.min())

@@ -1,0 +1,109 @@
+"""The least M(phi) of a dense sweep, over all pairs of scans, without measuring every value over all of them.
+
+All values are solved. They are measured in a small sample of the pairs, the same pairs for all, those that are left in
+one four times larger, and so on; the last ones over all pairs. A value goes when the sample shows that it can't lie
+more than MARGIN below the best one: its difference from the best, pair by pair, less SURE standard errors, is above
+-MARGIN of M. So the least M that comes out is at most MARGIN above the least of all. The standard error is that of a
+simple random sample of the pairs' differences; what is drawn is every so manieth partner of each scan, from another one
+on for each scan, which is at least as even, for neighbouring scans see nearly the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmend.consistency.measure import measure_at
+from mapmend.consistency.visibility import Views, build_views, laser_places
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.parallel import map_in_order
+from mapmend.tuning import dcs
+from mapmend.tuning.pair_sample import NO_DROP, PairSample
+from mapmend.tuning.solutions import Solution, solve
+
+Float = NDArray[np.float64]
+
+VALUES = 400
+MARGIN = 0.002
+SURE = 4.0
+FIRST_STRIDE, NARROWING = 128, 4
+FEW = 2
+"""So few values that are left go over all pairs at once."""
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Sums over all pairs as a sample has them, less the best one's, and their standard errors, metres: (f,) each."""
+
+    best: int
+    sum_m: float
+    less_m: Float
+    error_m: Float
+
+
+def sweep(start: PoseGraph, threads: int, whole: bool = False) -> tuple[dict[str, Any], list[Solution]]:
+    """The least of VALUES values of phi, and how many values were in each sample; all solutions.
+
+    ``whole``: beside it, every value over all pairs, and how far the samples were off.
+    """
+    roots = np.linspace(0.0, dcs.LARGEST_ROOT, VALUES)
+    solved = solve(start, "dcs", (roots**2).tolist(), threads=threads)
+    found = [s for s in solved if isinstance(s, Solution)]
+    assert start.scans is not None
+    views = build_views(start.scans, start.poses, dcs.DEFAULT_CONFIG.consistency)
+    left, stages, errors = np.arange(len(found)), [], []
+    stride = FIRST_STRIDE
+    while len(left) > FEW and stride > 1:
+        seen = differences(start, views, [found[k].poses for k in left], stride, threads)
+        stages.append([stride, len(left)])
+        errors.append((left, seen))
+        stays = seen.less_m - SURE * seen.error_m <= -MARGIN * seen.sum_m
+        stays[seen.best] = True
+        left = left[stays]
+        stride //= NARROWING
+    sums = {int(k): sum_over_all(start, found[k].poses, threads) for k in left}
+    least = min(sums, key=lambda k: sums[k])
+    row = {"sweep_phi": found[least].phi, "sweep_sum_m": sums[least], "stages": [*stages, [1, len(left)]]}
+    first = errors[0][1]
+    row["curve"] = {"best_sum_m": first.sum_m, "less_m": first.less_m.tolist(), "error_m": first.error_m.tolist()}
+    if whole:
+        sums |= {k: sum_over_all(start, s.poses, threads) for k, s in enumerate(found) if k not in sums}
+        row |= {"whole_phi": found[min(sums, key=lambda k: sums[k])].phi, "whole_sum_m": min(sums.values())}
+        row |= {"whole_curve": [sums[k] for k in range(len(found))], "farthest": [farthest(e, sums) for e in errors]}
+    return row, found
+
+
+def differences(start: PoseGraph, views: Views, poses: list[Float], stride: int, threads: int) -> Differences:
+    """Every map's M over every ``stride``-th pair beside the best one's, as sums over all pairs."""
+    assert start.scans is not None
+    scans, rows = start.scans, np.arange(len(start))
+    sample = PairSample(scans, views, stride)
+    sample.list_pairs(poses)
+    pairs = sample.pairs
+
+    def work(pose: Float) -> Float:
+        return measure_at(views, pairs, pairs, laser_places(scans, rows, pose), NO_DROP)[:, 1].astype(np.float32)
+
+    values = np.stack(map_in_order(work, poses, threads))
+    sums = values.sum(axis=1, dtype=np.float64)
+    best = int(np.argmin(sums))
+    apart = values - values[best]
+    spread = apart.std(axis=1, dtype=np.float64) * np.sqrt(len(pairs) * (1.0 - 1.0 / stride))
+    return Differences(best, stride * float(sums[best]), stride * (sums - sums[best]), stride * spread)
+
+
+def farthest(stage: tuple[NDArray[np.int64], Differences], sums: dict[int, float]) -> float:
+    """By how many standard errors a sample's difference was off at most, where it stands for more than MARGIN of M."""
+    left, seen = stage
+    true = np.array([sums[k] - sums[int(left[seen.best])] for k in left.tolist()])
+    matters = seen.error_m > MARGIN / SURE * seen.sum_m
+    return float(np.max(np.abs(seen.less_m - true)[matters] / seen.error_m[matters])) if matters.any() else 0.0
+
+
+def sum_over_all(start: PoseGraph, poses: Float, threads: int) -> float:
+    """The sum of M_ij over all pairs of scans of a map, metres."""
+    measure_m, overlapping = dcs.average_measure(start.with_poses(poses), threads=threads)
+    return measure_m * overlapping
