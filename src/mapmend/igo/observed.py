@@ -79,12 +79,19 @@ class Observer:
         turn = np.eye(3)
         turn[:2, 0], turn[:2, 1] = turned(np.array([1.0, 0.0]), theta), turned(np.array([0.0, 1.0]), theta)
         normal = turn.T @ match.normal_matrix @ turn
-        if shared <= max(BEYOND_NOISE * noise, FEWEST_SHARED):
-            keep = np.eye(3)
-            keep[:2, :2] -= np.outer(axis, axis)
-            return keep @ normal @ keep / match.variance(), axis
-        normal[:2, :2] -= max(float(values[0]) - shared, 0.0) * np.outer(axis, axis)
-        return normal / match.variance(), np.zeros(2)
+        is_open = shared <= max(BEYOND_NOISE * noise, FEWEST_SHARED)
+        share = 0.0 if is_open else min(shared / max(float(values[0]), 1e-12), 1.0)
+        return cut_down(normal, axis, share) / match.variance(), axis if is_open else np.zeros(2)
+
+
+def cut_down(normal: Float, axis: Float, share: float) -> Float:
+    """A normal matrix (3, 3) that knows of an axis of translation (2,), a unit vector, only a share of what it did.
+
+    From both sides: what the axis has in common with the heading shrinks along, so that no direction falls below 0.
+    """
+    keep = np.eye(3)
+    keep[:2, :2] -= (1.0 - np.sqrt(share)) * np.outer(axis, axis)
+    return np.asarray(keep @ normal @ keep)
 
 
 def turned(vector: Float, angle: float) -> Float:
