@@ -22,6 +22,7 @@ from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import map_in_order
 from mapmend.tuning import dcs
 from mapmend.tuning.pair_sample import NO_DROP, PairSample
+from mapmend.tuning.search import LARGEST_ROOT
 from mapmend.tuning.solutions import Solution, solve
 
 Float = NDArray[np.float64]
@@ -49,7 +50,7 @@ def sweep(start: PoseGraph, threads: int, whole: bool = False) -> tuple[dict[str
 
     ``whole``: beside it, every value over all pairs, and how far the samples were off.
     """
-    roots = np.linspace(0.0, dcs.LARGEST_ROOT, VALUES)
+    roots = np.linspace(0.0, LARGEST_ROOT, VALUES)
     solved = solve(start, "dcs", (roots**2).tolist(), threads=threads)
     found = [s for s in solved if isinstance(s, Solution)]
     assert start.scans is not None

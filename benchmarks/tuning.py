@@ -38,6 +38,7 @@ from mapmend.io.reader import read
 from mapmend.io.relations import Relations, read_relations
 from mapmend.tuning import dcs
 from mapmend.tuning.pair_sample import Evaluation, PairSample
+from mapmend.tuning.search import grid_roots
 from mapmend.tuning.solutions import Solution, solve
 
 Float = NDArray[np.float64]
@@ -197,7 +198,7 @@ def shortcut_table(options: argparse.Namespace) -> str:
     for name in options.graphs:
         for count in options.counts:
             start = spoiled(options.data, Case(name, "random", count, "odometry", 0))
-            solutions = solve(start, "dcs", [r * r for r in dcs.grid_roots()], threads=options.threads)
+            solutions = solve(start, "dcs", [r * r for r in grid_roots()], threads=options.threads)
             poses = [s.poses for s in solutions if isinstance(s, Solution)]
             views = build_views(scans_of(start), start.poses, dcs.DEFAULT_CONFIG.consistency)
             stride = 1 if options.all_pairs else dcs.sample_of(start, views).stride

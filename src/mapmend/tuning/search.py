@@ -1,0 +1,164 @@
+"""The search for the least M(phi): a grid in the root of phi, and halvings wherever M is low.
+
+M(phi) jumps wherever a loop is let go: on intel's scan graph it goes up and down by a hundredth within steps of 0.001
+of the root of phi, and which of many narrow minima is the least depends on where one looks. Bisection, MC (12), follows
+one of them. So what it does around the grid's minimum is done wherever M is near the least: each round halves the steps
+to both sides of the least, and those with an end that is low enough, unless M is the same at both: that is one map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from mapmend.errors import MapmendError
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.parallel import Progress
+from mapmend.tuning.pair_sample import Evaluation, PairSample
+from mapmend.tuning.solutions import Solution, solve
+
+LARGEST_ROOT = 4.0
+"""The grid ends at phi = 16, MC Figure 4."""
+
+GRID_STEPS = 64
+FINE_STEPS, FINE_BELOW = 4, 4
+"""The first FINE_BELOW steps of the grid are cut into so many each: MC's phi* are mostly between 0.003 and 0.016."""
+
+COARSE = 8
+"""Every so manieth value of the grid comes first: the least M of these says what M may be off by."""
+
+ROUNDS = 5
+"""Halvings of a step of the grid; the last one ends at steps of 0.002 of sqrt(phi)."""
+
+LOW_WITHIN, SAME_WITHIN = 0.02, 0.002
+"""A step is halved if M at an end is this share above the least at most, and differs from the other end's by more."""
+
+MOST_HALVED = 8
+"""So many steps are halved in a round, the lowest first."""
+
+FINALISTS, FINALIST_WITHIN, ONE_MAP = 3, 0.01, 1e-4
+"""What the sample has lowest is measured over all pairs: so many values at most, if their M is within this share of the
+least, and differs by that share from the other finalists'. The sample's standard error of two maps' difference is
+0.3 % to 0.5 % of M on intel."""
+
+VALLEY_DEPTH = 0.002
+"""A minimum of the curve is a valley if M rises by this share of the least to both sides before it falls below it."""
+
+
+@dataclass
+class Search:
+    """What was looked at so far: roots of phi, their solutions and sums over the sample."""
+
+    start: PoseGraph
+    kernel: str
+    sample: PairSample
+    threads: int
+    progress: Progress
+    tolerance_m: float = 0.0
+    solutions: dict[float, Solution] = field(default_factory=dict)
+    sums_m: dict[float, float] = field(default_factory=dict)
+    bounds_m: dict[float, float] = field(default_factory=dict)
+    overlapping: dict[float, int] = field(default_factory=dict)
+    refusals: dict[float, MapmendError] = field(default_factory=dict)
+    measured: int = 0
+    asked: int = 0
+
+    def look_at(self, roots: list[float], stage: str) -> None:
+        """Solves and measures for those roots of phi that are new."""
+        new = [r for r in roots if r not in self.sums_m and r not in self.refusals]
+        if not new:
+            return
+        solved = solve(
+            self.start,
+            self.kernel,
+            [r * r for r in new],
+            threads=self.threads,
+            stage=f"{stage}: solve",
+            progress=self.progress,
+        )
+        found = {r: s for r, s in zip(new, solved, strict=True) if isinstance(s, Solution)}
+        self.refusals |= {r: s for r, s in zip(new, solved, strict=True) if isinstance(s, MapmendError)}
+        if not found:
+            return
+        evaluation = self.sample.evaluate(
+            [s.poses for s in found.values()],
+            self.tolerance_m,
+            threads=self.threads,
+            stage=f"{stage}: measure",
+            progress=self.progress,
+        )
+        self._keep(found, evaluation)
+
+    def _keep(self, found: dict[float, Solution], evaluation: Evaluation) -> None:
+        self.solutions |= found
+        roots = list(found)
+        self.sums_m |= dict(zip(roots, evaluation.sum_m.tolist(), strict=True))
+        self.bounds_m |= dict(zip(roots, evaluation.bound_m.tolist(), strict=True))
+        self.overlapping |= dict(zip(roots, evaluation.overlapping.tolist(), strict=True))
+        self.measured += evaluation.measured
+        self.asked += evaluation.asked
+
+    def map_at(self, root: float) -> PoseGraph:
+        """The graph with the poses found for a root that was looked at."""
+        return self.start.with_poses(self.solutions[root].poses)
+
+
+def grid_roots() -> list[float]:
+    """The values of sqrt(phi) that are always looked at, rising."""
+    step = LARGEST_ROOT / GRID_STEPS
+    fine = [k * step / FINE_STEPS for k in range(FINE_BELOW * FINE_STEPS)]
+    return [*fine, *(k * step for k in range(FINE_BELOW, GRID_STEPS + 1))]
+
+
+def halve(search: Search) -> None:
+    """MC (12): looks between the values that are lowest, closer from round to round."""
+    finest = LARGEST_ROOT / GRID_STEPS / 2**ROUNDS
+    for _ in range(ROUNDS):
+        search.look_at(steps_to_halve(search.sums_m, finest), "halve")
+
+
+def steps_to_halve(sums_m: dict[float, float], finest: float) -> list[float]:
+    """The middles of the steps worth a closer look, rising; ``sums_m``: of each root, metres."""
+    roots = sorted(sums_m)
+    best = min(roots, key=lambda r: (sums_m[r], -r))
+    least = sums_m[best]
+    chosen = []
+    for low, high in pairwise(roots):
+        ends = sums_m[low], sums_m[high]
+        is_low = min(ends) <= (1.0 + LOW_WITHIN) * least and abs(ends[0] - ends[1]) > SAME_WITHIN * least
+        if high - low > 1.5 * finest and (is_low or best in (low, high)):
+            chosen.append((min(ends), -low, (low + high) / 2.0))
+    return sorted(middle for _, _, middle in sorted(chosen)[:MOST_HALVED])
+
+
+def finalists(sums_m: dict[float, float]) -> list[float]:
+    """The roots that are measured over all pairs, the lowest first; of those that are one map, the largest."""
+    least = min(sums_m.values())
+    chosen: list[float] = []
+    for root in sorted(sums_m, key=lambda r: (sums_m[r], -r)):
+        known = any(abs(sums_m[root] - sums_m[other]) <= ONE_MAP * least for other in chosen)
+        if len(chosen) < FINALISTS and sums_m[root] <= (1.0 + FINALIST_WITHIN) * least and not known:
+            chosen.append(root)
+    return chosen
+
+
+def valleys(sums_m: dict[float, float], least: float) -> list[float]:
+    """``least`` and the lowest roots of the curve's other valleys, the lowest first.
+
+    Dips less deep than VALLEY_DEPTH are the same map as their neighbours, or as good as that.
+    """
+    from scipy.signal import find_peaks
+
+    roots = np.array(sorted(sums_m))
+    values = np.array([sums_m[r] for r in roots.tolist()])
+    deep, outside = VALLEY_DEPTH * values.min(), 2.0 * values.max() + 1.0
+    dips = find_peaks(-np.concatenate(([outside], values, [outside])), prominence=deep)[0] - 1
+    here = int(np.searchsorted(roots, least))
+    others = []
+    for dip in dips.tolist():
+        between = values[min(dip, here) : max(dip, here) + 1].max()
+        if between > max(values[dip], values[here]) + deep:
+            others.append(float(roots[dip]))
+    return [least, *sorted(others, key=lambda r: sums_m[r])]
