@@ -7,7 +7,8 @@ there already is not run again.
 
 ``--what sweep`` finds the least M of a dense sweep of 400 values, over all pairs of scans (``_tuning_sweep.py``; with
 ``--whole`` all values are measured over all pairs), and compares phi* of the same case with it. ``--what shortcut``
-measures the pairs of one graph's grid with and without leaving out those that hardly moved.
+measures the pairs of one graph's grid with and without leaving out those that hardly moved; ``--what noise`` says how
+sure it is that M is larger at other values of phi (``_tuning_noise.py``).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from _measure import data_parser, markdown, stop
+from _tuning_noise import differences
 from _tuning_sweep import MARGIN, VALUES, sweep
 from numpy.typing import NDArray
 
@@ -50,6 +52,8 @@ SOLVERS = {"none": None, "phi = 1": kernel_of("dcs", 1.0), "phi = 11.3": kernel_
 GUESS_STD = np.array([1.0, 1.0, np.radians(20.0)])
 """How far a corrupted initial guess throws each node, m, m, rad."""
 
+NOISE_PHIS = (0.02, 0.0625, 0.25, 1.0, 4.0, 16.0)
+
 MOST_TIMES = 1.2
 """The error at phi* is to be at most so many times that of the clean graph's optimum."""
 
@@ -72,7 +76,9 @@ class Case:
 
 def main() -> None:
     parser = data_parser(__doc__)
-    parser.add_argument("--what", choices=("errors", "sweep", "shortcut"), default="errors", help="default: errors")
+    parser.add_argument(
+        "--what", choices=("errors", "sweep", "shortcut", "noise"), default="errors", help="default: errors"
+    )
     parser.add_argument("--results", type=Path, default=Path("tuning.jsonl"), help="default: %(default)s")
     parser.add_argument("--graphs", nargs="+", choices=GRAPHS, default=list(GRAPHS))
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
@@ -88,6 +94,9 @@ def main() -> None:
         stop("name the folder with scangraphs/ and relations/, or set MAPMEND_DATA")
     if options.what == "shortcut":
         print(shortcut_table(options))
+        return
+    if options.what == "noise":
+        print(noise_table(options))
         return
     if not options.only_print:
         measure_all(options)
@@ -211,6 +220,22 @@ def shortcut_table(options: argparse.Namespace) -> str:
             rows.append((f"{name}, {count} false loops", "yes", *cells(sample, found, plain, spent)))
     head = ("graph", "shortcut", "pairs", "measured", "wall s", "CPU s", "M differs by", "bound")
     return markdown(head, rows)
+
+
+def noise_table(options: argparse.Namespace) -> str:
+    """M at larger values of phi beside that at phi* of the clean graphs, with its standard error; relation errors."""
+    rows = []
+    for name in options.graphs:
+        start = spoiled(options.data, Case(name, "-", 0, "odometry", 0))
+        best = dcs.tune(start, init="given", threads=options.threads).least_phi
+        phis = [best, *(phi for phi in NOISE_PHIS if phi > best)]
+        found = [s for s in solve(start, "dcs", phis, threads=options.threads) if isinstance(s, Solution)]
+        above = differences(start, [s.poses for s in found], options.threads)
+        for solution, (more, error) in zip(found, above, strict=True):
+            off = f"{len(distrusted(solution.edge_weights))} of {int(start.is_loop.sum())}"
+            error_m = f"{errors_of(options.data, name, solution.poses)[0]:.4f}"
+            rows.append((name, f"{solution.phi:.4g}", f"{more:+.2%}", f"{error:.2%}", off, error_m))
+    return markdown(("graph", "phi", "M above its least", "standard error", "loops off", "error m"), rows)
 
 
 def timed(sample: PairSample, poses: list[Float], limit_m: float, threads: int) -> tuple[Evaluation, float, float]:

@@ -59,8 +59,8 @@ def test_halving_ends_within_a_hundredth_of_a_dense_sweep(at):
     assert min(looked.values()) <= 1.01 * narrow_minimum(np.linspace(0.0, 4.0, 400), at).min()
 
 
-def test_finalists_are_the_lowest_that_are_not_one_map():
-    assert finalists(curve(1.0, 1.00001, 1.004, 1.02, 1.003, 1.005)) == [0.0, 4.0, 2.0]
+def test_finalists_are_the_lowest_and_of_one_map_the_one_that_trusts_the_loops_most():
+    assert finalists(curve(1.0, 1.00001, 1.004, 1.02, 1.003, 1.005)) == [1.0, 4.0, 2.0]
     assert finalists(curve(1.0, 1.0, 5.0)) == [1.0]
     assert finalists({0.0: 0.0}) == [0.0]
 

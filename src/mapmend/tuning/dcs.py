@@ -39,7 +39,7 @@ from mapmend.graph.robust import KERNELS, distrusted
 from mapmend.graph.starts import starting_poses
 from mapmend.parallel import Progress, no_progress
 from mapmend.tuning.pair_sample import PairSample
-from mapmend.tuning.search import COARSE, LARGEST_ROOT, Search, finalists, grid_roots, halve, valleys
+from mapmend.tuning.search import COARSE, LARGEST_ROOT, ONE_MAP, Search, finalists, grid_roots, halve, valleys
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -225,7 +225,8 @@ def _notes(search: Search, least: float, best: float, judged: Judged) -> list[st
     if search.refusals:
         most = max(search.refusals)
         notes.append(f"{len(search.refusals)} values of phi up to {most * most:g} gave no map: {search.refusals[most]}")
-    if least == LARGEST_ROOT:
+    below = [m for r, m in search.sums_m.items() if r < LARGEST_ROOT]
+    if least == LARGEST_ROOT and below and min(below) > (1.0 + ONE_MAP) * search.sums_m[least]:
         notes.append(f"M is least where the range of phi ends, at {LARGEST_ROOT**2:g}: larger ones were not tried")
     if best != least:
         more = search.sums_m[best] / search.sums_m[least] - 1.0

@@ -40,8 +40,8 @@ MOST_HALVED = 8
 
 FINALISTS, FINALIST_WITHIN, ONE_MAP = 3, 0.01, 1e-4
 """What the sample has lowest is measured over all pairs: so many values at most, if their M is within this share of the
-least, and differs by that share from the other finalists'. The sample's standard error of two maps' difference is
-0.3 % to 0.5 % of M on intel."""
+least, and differs by that share from the other finalists'. The sample's standard error of the difference between two
+maps is up to 0.5 % of M on intel."""
 
 VALLEY_DEPTH = 0.002
 """A minimum of the curve is a valley if M rises by this share of the least to both sides before it falls below it."""
@@ -134,13 +134,18 @@ def steps_to_halve(sums_m: dict[float, float], finest: float) -> list[float]:
 
 
 def finalists(sums_m: dict[float, float]) -> list[float]:
-    """The roots that are measured over all pairs, the lowest first; of those that are one map, the largest."""
+    """The roots that are measured over all pairs, the lowest first.
+
+    Of those whose M is the same to ONE_MAP only the largest, which trusts the loops most.
+    """
     least = min(sums_m.values())
     chosen: list[float] = []
-    for root in sorted(sums_m, key=lambda r: (sums_m[r], -r)):
-        known = any(abs(sums_m[root] - sums_m[other]) <= ONE_MAP * least for other in chosen)
-        if len(chosen) < FINALISTS and sums_m[root] <= (1.0 + FINALIST_WITHIN) * least and not known:
-            chosen.append(root)
+    left = {r: m for r, m in sums_m.items() if m <= (1.0 + FINALIST_WITHIN) * least}
+    while left and len(chosen) < FINALISTS:
+        lowest = min(left.values())
+        same = [r for r, m in left.items() if m <= lowest + ONE_MAP * least]
+        chosen.append(max(same))
+        left = {r: m for r, m in left.items() if r not in same}
     return chosen
 
 
