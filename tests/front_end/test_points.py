@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mapmend.config import ScanConfig
-from mapmend.front_end.points import ScanPoints
+from mapmend.front_end.points import ScanPoints, neighbours_away
 from mapmend.scan import LaserGeometry, Scans
 
 FRONT = LaserGeometry(3, -0.5, 0.5, 5.0, (1.0, 0.0, 0.0))
@@ -36,3 +36,21 @@ def test_no_returns_and_readings_beyond_either_longest_range_are_left_out():
 def test_a_scan_without_readings_has_no_points():
     scans = Scans(np.zeros(0, np.float32), np.array([0, 0]), np.zeros(1, np.int32), (FRONT,))
     assert ScanPoints(scans, ScanConfig()).of(0).shape == (0, 5)
+
+
+@pytest.mark.parametrize(("increment_deg", "away"), [(2.0, 1), (1.0, 1), (0.5, 1), (0.25, 2), (-0.125, 4)])
+def test_normals_are_taken_between_beams_half_a_degree_away(increment_deg, away):
+    geometry = LaserGeometry(9, 0.0, np.radians(increment_deg), 30.0)
+    assert neighbours_away(geometry) == away
+
+
+def test_normals_of_a_dense_laser_are_not_those_of_its_noise():
+    """A wall 2 m ahead, eight beams a degree, 2 cm of noise: next neighbours are 4 mm apart."""
+    geometry = LaserGeometry(481, np.radians(-30.0), np.radians(0.125), 30.0)
+    noise = np.random.default_rng(0).normal(scale=0.02, size=481)
+    ranges = (2.0 / np.cos(geometry.bearings_rad()) + noise).astype(np.float32)
+    scans = Scans(ranges, np.array([0, 481]), np.zeros(1, np.int32), (geometry,))
+    normals = ScanPoints(scans, ScanConfig()).of(0)[:, 2:4]
+    known = normals.any(axis=1)
+    assert known[4:-4].mean() > 0.95
+    assert np.median(np.abs(normals[known, 1])) < 0.5  # the sine of 0.4 rad, as at one beam a degree

@@ -15,7 +15,7 @@ MOST_THIN_BEAMS = 4
 
 def project_scan(ranges, bearings_rad, limits, mounting):
     """Rows (x, y, normal x, normal y, thin) of the usable readings in the robot's frame."""
-    shortest, longest, share, off_line_m = limits
+    (shortest, longest, share, off_line_m), away = limits[:4], int(limits[4])
     places = [r * cmath.exp(1j * b) for r, b in zip(ranges, bearings_rad, strict=True)]
     turn = cmath.exp(1j * mounting[2])
     rows = []
@@ -23,34 +23,35 @@ def project_scan(ranges, bearings_rad, limits, mounting):
         if not shortest <= r <= longest:
             continue
         normal = 0j
-        if 0 < k < len(ranges) - 1:
-            chord = places[k + 1] - places[k - 1]
+        if away <= k < len(ranges) - away:
+            i, j = k - away, k + away
+            chord = places[j] - places[i]
             if 1e-6 < abs(chord) < MOST_CHORD_M:
                 across = 1j * chord / abs(chord)
-                near = all(abs(ranges[j] - r) < share * r + off_line_m for j in (k - 1, k + 1))
-                ordered = ranges[k - 1] < r < ranges[k + 1] or ranges[k - 1] > r > ranges[k + 1]
+                near = all(abs(ranges[other] - r) < share * r + off_line_m for other in (i, j))
+                ordered = ranges[i] < r < ranges[j] or ranges[i] > r > ranges[j]
                 if ordered:
                     # Where a straight line crosses the middle beam, the inverse ranges being even over even angles.
-                    straight = 1.0 / statistics.fmean((1.0 / ranges[k - 1], 1.0 / ranges[k + 1]))
+                    straight = 1.0 / statistics.fmean((1.0 / ranges[i], 1.0 / ranges[j]))
                     ordered = abs(straight - r) < share * r + off_line_m
-                off_line = abs((across * (places[k] - places[k - 1]).conjugate()).real)
+                off_line = abs((across * (places[k] - places[i]).conjugate()).real)
                 if near or (ordered and off_line < off_line_m):
                     normal = -across if (across * places[k].conjugate()).real > 0.0 else across
         place = complex(mounting[0], mounting[1]) + turn * places[k]
         normal *= turn
-        thin = 1.0 if is_thin(ranges, k, share * r + off_line_m) else 0.0
+        thin = 1.0 if is_thin(ranges, k, share * r + off_line_m, away) else 0.0
         rows.append((place.real, place.imag, normal.real, normal.imag, thin))
     return rows
 
 
-def is_thin(ranges, k, gap_m):
+def is_thin(ranges, k, gap_m, away):
     """Whether the beams about k that end near where it does are few, and those beside them go farther."""
     first = last = k
     while first > 0 and abs(ranges[first - 1] - ranges[k]) < gap_m:
         first -= 1
     while last < len(ranges) - 1 and abs(ranges[last + 1] - ranges[k]) < gap_m:
         last += 1
-    if last - first + 1 > MOST_THIN_BEAMS or first == 0 or last == len(ranges) - 1:
+    if last - first + 1 > MOST_THIN_BEAMS * away or first == 0 or last == len(ranges) - 1:
         return False
     return all(ranges[beside] > ranges[k] + gap_m for beside in (first - 1, last + 1))
 

@@ -7,9 +7,13 @@ from numpy.typing import NDArray
 
 from mapmend.config import ScanConfig
 from mapmend.grid import _kernels
-from mapmend.scan import Scans
+from mapmend.scan import LaserGeometry, Scans
 
 Float = NDArray[np.float64]
+
+NEIGHBOUR_RAD = np.radians(0.5)
+"""Between beams nearer than that, a chord is as short as the noise: with 1,441 beams a half circle and 3 cm of noise,
+normals between next neighbours turned maps of 0.02 m into maps of 0.20 m (``benchmarks/lasers.py``)."""
 
 
 class ScanPoints:
@@ -23,7 +27,13 @@ class ScanPoints:
                 np.sin(g.bearings_rad()),
                 np.array(g.T_robot_laser, dtype=np.float64),
                 np.array(
-                    [config.min_range_m, min(config.max_range_m, g.max_range_m), config.surface_gap, config.wall_std_m]
+                    [
+                        config.min_range_m,
+                        min(config.max_range_m, g.max_range_m),
+                        config.surface_gap,
+                        config.wall_std_m,
+                        neighbours_away(g),
+                    ]
                 ),
             )
             for g in scans.geometries
@@ -40,3 +50,8 @@ class ScanPoints:
     def laser_origin(self, k: int) -> Float:
         """Where the laser of scan k stands on the robot, shape (3,)."""
         return self._lasers[self._scans.geometry_index[k]][2]
+
+
+def neighbours_away(geometry: LaserGeometry) -> int:
+    """How many beams away the neighbours are between which a normal is taken."""
+    return max(1, round(NEIGHBOUR_RAD / max(abs(geometry.angle_increment_rad), 1e-9)))

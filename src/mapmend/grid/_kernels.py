@@ -28,7 +28,7 @@ REACH = 4
 MEAN_MEMORY = 40
 # Neighbouring points farther apart than this are not taken for one wall, however well they lie on a line.
 MOST_CHORD_M = 5.0
-# A post or a leg: at most so many beams wide.
+# A post or a leg: at most so many times as wide as its neighbours are away.
 MOST_THIN_BEAMS = 4
 # A return weighs as much as this many passes: a beam that grazes a wall passes through some of its cells.
 RETURN_WEIGHT = 3
@@ -43,13 +43,14 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
     """Returns of one scan as points with normals in the robot's frame: rows (x, y, normal x, normal y, thin).
 
     ``limits`` = (shortest, longest usable range, largest difference to a neighbour's range on one surface as a share of
-    it, distance m from the neighbours' chord up to which a point farther from them still lies on one wall with them).
-    The normal is that of the chord between the two neighbouring beams, towards the laser; (0, 0) where they are apart.
+    it, distance m from the neighbours' chord up to which a point farther from them still lies on one wall with them,
+    how many beams away its neighbours are). The normal is that of the chord between the two neighbours, towards the
+    laser; (0, 0) where they are apart.
     A wall seen at a grazing angle has its points far apart, but on one line. Thin is 1 for the points of a post or a
     leg, which hold a robot in every direction, else 0. Returns the number of rows written.
     """
     count = 0
-    beams = ranges.shape[0]
+    beams, away = ranges.shape[0], int(limits[4])
     cos_m, sin_m = math.cos(mounting[2]), math.sin(mounting[2])
     for k in range(beams):
         r = float(ranges[k])
@@ -57,11 +58,12 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
             continue
         x, y = r * cosines[k], r * sines[k]
         nx, ny = 0.0, 0.0
-        if 0 < k < beams - 1:
-            before, after = float(ranges[k - 1]), float(ranges[k + 1])
+        if away <= k < beams - away:
+            i, j = k - away, k + away
+            before, after = float(ranges[i]), float(ranges[j])
             gap = limits[2] * r + limits[3]
-            bx, by = before * cosines[k - 1], before * sines[k - 1]
-            tx, ty = after * cosines[k + 1] - bx, after * sines[k + 1] - by
+            bx, by = before * cosines[i], before * sines[i]
+            tx, ty = after * cosines[j] - bx, after * sines[j] - by
             length = math.sqrt(tx * tx + ty * ty)
             if 1e-6 < length < MOST_CHORD_M:
                 near = abs(before - r) < gap and abs(after - r) < gap
@@ -75,13 +77,13 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
         points[count, 1] = mounting[1] + sin_m * x + cos_m * y
         points[count, 2] = cos_m * nx - sin_m * ny
         points[count, 3] = sin_m * nx + cos_m * ny
-        points[count, 4] = 1.0 if _is_thin(ranges, k, limits[2] * r + limits[3]) else 0.0
+        points[count, 4] = 1.0 if _is_thin(ranges, k, limits[2] * r + limits[3], away) else 0.0
         count += 1
     return count
 
 
 @njit(cache=True, nogil=True)
-def _is_thin(ranges, k, gap):
+def _is_thin(ranges, k, gap, away):
     """Whether beam k hits one of a few neighbouring points with nothing near them on either side but what lies behind.
 
     The last point of a wall before its end or the laser's range is none of these: it moves along with the robot.
@@ -89,12 +91,12 @@ def _is_thin(ranges, k, gap):
     width = 1
     for step in (-1, 1):
         i = k + step
-        while 0 <= i < ranges.shape[0] and abs(ranges[i] - ranges[k]) < gap and width <= MOST_THIN_BEAMS:
+        while 0 <= i < ranges.shape[0] and abs(ranges[i] - ranges[k]) < gap and width <= MOST_THIN_BEAMS * away:
             width += 1
             i += step
         if not (0 <= i < ranges.shape[0] and ranges[i] > ranges[k] + gap):
             return False
-    return width <= MOST_THIN_BEAMS
+    return width <= MOST_THIN_BEAMS * away
 
 
 @njit(cache=True, nogil=True)
