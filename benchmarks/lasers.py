@@ -1,8 +1,8 @@
-"""Does a map depend on the laser? Simulated buildings seen by lasers of many makes, with good wheels, bad ones, and none.
+"""Does a map depend on the laser? Simulated buildings seen by lasers of seven kinds, with wheels good, bad and none.
 
-The lasers are models: beams, field of view, range, noise and rate as makers and users tell of them. Bad wheels turn 0.02
-rad too far a metre, count 3 % too much, are noisier by half and more, and slip three times. Each cell is the absolute
-trajectory error of ``go`` and ``igo`` with defaults, median and worst over the buildings.
+The lasers are models: beams, field of view, range, noise and rate as makers and users tell of them. Bad wheels turn
+0.02 rad too far a metre, count 3 % too much, are more than twice as noisy, and slip three times. Each cell is the
+absolute trajectory error with defaults, median and worst over the buildings.
 """
 
 from __future__ import annotations
