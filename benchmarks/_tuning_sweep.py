@@ -21,18 +21,19 @@ from mapmend.consistency.visibility import Views, build_views, laser_places
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import map_in_order
 from mapmend.tuning import dcs
-from mapmend.tuning.pair_sample import NO_DROP, PairSample
+from mapmend.tuning.pair_sample import NO_DROP, Evaluation, PairSample
 from mapmend.tuning.search import LARGEST_ROOT
 from mapmend.tuning.solutions import Solution, solve
 
 Float = NDArray[np.float64]
 
 VALUES = 400
-MARGIN = 0.002
-SURE = 4.0
-FIRST_STRIDE, NARROWING = 128, 4
-FEW = 2
-"""So few values that are left go over all pairs at once."""
+MARGIN, SURE = 0.002, 4.0
+FIRST_STRIDE, NARROWING, FEW = 128, 4, 2
+"""The first sample, how much larger each next one is, and how many values that are left go over all pairs at once."""
+
+WHOLE_WITHIN = 0.001
+"""With ``whole`` a pair is not measured again whose motion can't have changed M by more than this, all together."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,10 @@ def sweep(start: PoseGraph, threads: int, whole: bool = False) -> tuple[dict[str
     first = errors[0][1]
     row["curve"] = {"best_sum_m": first.sum_m, "less_m": first.less_m.tolist(), "error_m": first.error_m.tolist()}
     if whole:
-        sums |= {k: sum_over_all(start, s.poses, threads) for k, s in enumerate(found) if k not in sums}
-        row |= {"whole_phi": found[min(sums, key=lambda k: sums[k])].phi, "whole_sum_m": min(sums.values())}
-        row |= {"whole_curve": [sums[k] for k in range(len(found))], "farthest": [farthest(e, sums) for e in errors]}
+        whole_m = over_all(start, views, [s.poses for s in found], sums[least], threads)
+        row |= {"whole_phi": found[int(np.argmin(whole_m.sum_m))].phi, "whole_sum_m": float(whole_m.sum_m.min())}
+        row |= {"whole_curve": whole_m.sum_m.tolist(), "whole_bound": float(whole_m.bound_m.max()) / sums[least]}
+        row["farthest"] = [farthest(stage, whole_m.sum_m) for stage in errors]
     return row, found
 
 
@@ -96,12 +98,20 @@ def differences(start: PoseGraph, views: Views, poses: list[Float], stride: int,
     return Differences(best, stride * float(sums[best]), stride * (sums - sums[best]), stride * spread)
 
 
-def farthest(stage: tuple[NDArray[np.int64], Differences], sums: dict[int, float]) -> float:
+def farthest(stage: tuple[NDArray[np.int64], Differences], sums_m: Float) -> float:
     """By how many standard errors a sample's difference was off at most, where it stands for more than MARGIN of M."""
     left, seen = stage
-    true = np.array([sums[k] - sums[int(left[seen.best])] for k in left.tolist()])
+    true = sums_m[left] - sums_m[left[seen.best]]
     matters = seen.error_m > MARGIN / SURE * seen.sum_m
     return float(np.max(np.abs(seen.less_m - true)[matters] / seen.error_m[matters])) if matters.any() else 0.0
+
+
+def over_all(start: PoseGraph, views: Views, poses: list[Float], least_m: float, threads: int) -> Evaluation:
+    """The sum over all pairs of every map, but for what moves can't have changed by more than WHOLE_WITHIN of M."""
+    assert start.scans is not None
+    sample = PairSample(start.scans, views, 1)
+    sample.list_pairs(poses, threads)
+    return sample.evaluate(poses, WHOLE_WITHIN * least_m / len(sample.pairs), threads=threads)
 
 
 def sum_over_all(start: PoseGraph, poses: Float, threads: int) -> float:

@@ -87,7 +87,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="of each case (default: 1)")
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="default: 2")
     parser.add_argument("--all-pairs", action="store_true", help="shortcut: of all pairs, not of the sample")
-    parser.add_argument("--whole", action="store_true", help="sweep: all values over all pairs, minutes a case")
+    parser.add_argument("--whole", action="store_true", help="sweep: all values over all pairs too")
     parser.add_argument("--only-print", action="store_true", help="the tables of what was measured before")
     options = parser.parse_args()
     if not options.data or not (Path(options.data) / "scangraphs").is_dir():
