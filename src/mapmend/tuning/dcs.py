@@ -39,7 +39,7 @@ from mapmend.graph.robust import KERNELS, distrusted
 from mapmend.graph.starts import starting_poses
 from mapmend.parallel import Progress, no_progress
 from mapmend.tuning.pair_sample import PairSample
-from mapmend.tuning.search import COARSE, LARGEST_ROOT, ONE_MAP, Search, finalists, grid_roots, halve, valleys
+from mapmend.tuning.search import COARSE, LARGEST_ROOT, ONE_MAP, Search, grid_roots, halve, valleys
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -148,13 +148,10 @@ def tune(
     search.tolerance_m = TOLERANCE * min(search.sums_m.values()) / max(len(search.sample.pairs), 1)
     search.look_at(grid, "grid")
     halve(search)
-    measured = {r: average_measure(search.map_at(r), config, threads, progress) for r in finalists(search.sums_m)}
-    least = min(measured, key=lambda r: (measured[r][0] * measured[r][1], -r))
+    least = search.least()
     judged = _judge(search, least, config)
     best = next((root for root, verdict in judged if verdict.consistent), least)
-    if best not in measured:
-        measured[best] = average_measure(search.map_at(best), config, threads, progress)
-    return _result(search, least, best, measured[best], judged)
+    return _result(search, least, best, average_measure(search.map_at(best), config, threads, progress), judged)
 
 
 def average_measure(

@@ -19,6 +19,8 @@ Int = NDArray[np.int64]
 PAIRS_A_PIECE = 1 << 11
 SCANS_A_PIECE = 256
 NO_DROP = (0, 0.0)
+EVERY_PAIR = -1.0
+"""The tolerance with which every pair is measured in every map."""
 
 
 @dataclass(frozen=True)
