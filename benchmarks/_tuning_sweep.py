@@ -69,8 +69,6 @@ def sweep(start: PoseGraph, threads: int, whole: bool = False) -> tuple[dict[str
     sums = {int(k): sum_over_all(start, found[k].poses, threads) for k in left}
     least = min(sums, key=lambda k: sums[k])
     row = {"sweep_phi": found[least].phi, "sweep_sum_m": sums[least], "stages": [*stages, [1, len(left)]]}
-    first = errors[0][1]
-    row["curve"] = {"best_sum_m": first.sum_m, "less_m": first.less_m.tolist(), "error_m": first.error_m.tolist()}
     if whole:
         whole_m = over_all(start, views, [s.poses for s in found], sums[least], threads)
         row |= {"whole_phi": found[int(np.argmin(whole_m.sum_m))].phi, "whole_sum_m": float(whole_m.sum_m.min())}
