@@ -71,4 +71,7 @@ def test_valleys_are_the_curves_minima_that_are_deep_enough():
     # What lies in the same valley is not asked again, though the sample has it a little lower.
     assert valleys(sums_m, 5.0) == [5.0, 7.0, 1.0]
     assert valleys(curve(1.0, 1.0, 1.0), 2.0) == [2.0]
+    # The map of the plateau at the end is asked too, before a valley that is higher.
+    assert valleys(curve(5.0, 4.0, 4.5, 1.0, 3.0, 3.0, 3.0), 3.0) == [3.0, 6.0, 1.0]
+    assert valleys(curve(5.0, 1.0, 1.00005, 1.00005), 1.0) == [1.0]
     assert valleys({0.0: 0.0}, 0.0) == [0.0]

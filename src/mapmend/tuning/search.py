@@ -168,9 +168,10 @@ def finalists(sums_m: dict[float, float]) -> list[float]:
 
 
 def valleys(sums_m: dict[float, float], least: float) -> list[float]:
-    """``least`` and the lowest roots of the curve's other valleys, the lowest first.
+    """``least`` and the lowest roots of the curve's other valleys, the lowest first; with the largest root of all.
 
-    Dips less deep than VALLEY_DEPTH are the same map as their neighbours, or as good as that.
+    Dips less deep than VALLEY_DEPTH are the same map as their neighbours, or as good as that. The curve's end, where
+    loops are trusted most, is mostly the end of a plateau, whose one map would not be asked otherwise.
     """
     from scipy.signal import find_peaks
 
@@ -184,4 +185,7 @@ def valleys(sums_m: dict[float, float], least: float) -> list[float]:
         between = values[min(dip, here) : max(dip, here) + 1].max()
         if between > max(values[dip], values[here]) + deep:
             others.append(float(roots[dip]))
+    end = float(roots[-1])
+    if end not in others and abs(sums_m[end] - sums_m[least]) > ONE_MAP * values.min():
+        others.append(end)
     return [least, *sorted(others, key=lambda r: sums_m[r])]
