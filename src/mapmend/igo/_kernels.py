@@ -11,6 +11,56 @@ from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER
 
 
 @njit(cache=True, nogil=True)
+def _fit_of(table, frame, arrays, point, pose, settings):
+    """How well a point fits at a pose: 1 on a surface, falling to 0 at the reach (Tukey's biweight).
+
+    By the distance along the surface's normal, where it has one: along a bare wall the point may lie anywhere.
+    """
+    surface, _, _, nearest = arrays
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    x = pose[0] + cos * point[0] - sin * point[1]
+    y = pose[1] + sin * point[0] + cos * point[1]
+    cell = cell_at(table, frame, int(math.floor(y / settings[0])), int(math.floor(x / settings[0])))
+    if cell < 0 or nearest[cell] < 0:
+        return 0.0
+    source = nearest[cell]
+    dx, dy = x - surface[source, 0], y - surface[source, 1]
+    away = (dx * dx + dy * dy) / (settings[1] * settings[1])
+    gx, gy = surface[source, 2], surface[source, 3]
+    coherence = gx * gx + gy * gy
+    if away > 1.0:
+        return 0.0
+    if coherence > COHERENT:
+        sx = cos * point[2] - sin * point[3]
+        sy = sin * point[2] + cos * point[3]
+        if surface[source, 4] > ONE_SIDED and sx * gx + sy * gy < OTHER_SIDE:
+            return 0.0
+        away = (gx * dx + gy * dy) ** 2 / (coherence * settings[1] * settings[1])
+    return (1.0 - away) ** 2
+
+
+@njit(cache=True, nogil=True)
+def compare_fits(table, frame, arrays, points, first, second, settings, result):
+    """By how much better points (n, 5) fit a grid at the ``first`` pose (3,) than at the ``second``, in the mean.
+
+    ``settings`` = (cell size, reach m). ``result``: written: the mean of the points' differences, its standard
+    deviation by their scatter, and the mean fit at the first pose; zeros for no points.
+    """
+    n = max(points.shape[0], 1)
+    total, squares, fits = 0.0, 0.0, 0.0
+    for k in range(points.shape[0]):
+        fit = _fit_of(table, frame, arrays, points[k], first, settings)
+        gain = fit - _fit_of(table, frame, arrays, points[k], second, settings)
+        fits += fit
+        total += gain
+        squares += gain * gain
+    mean = total / n
+    result[0] = mean
+    result[1] = math.sqrt(max(squares / n - mean * mean, 0.0) / n)
+    result[2] = fits / n
+
+
+@njit(cache=True, nogil=True)
 def shared_normals(table, frame, arrays, points, pose, axis, settings, result):
     """How far scan and grid agree on surfaces that hold a pose along an axis, of whose noise they share nothing.
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.front_end.builder import FrontEnd
 from mapmend.front_end.edge_covariance import edge_covariance
 from mapmend.front_end.motion import odometry_covariance, odometry_std
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
+from mapmend.igo.fits import Fits
 from mapmend.igo.observed import Bool, Float, Measured, NewEdge, Observer, runs, turned
 from mapmend.igo.steady import SteadyMotion, steady_motion, usual_change
 from mapmend.igo.trail import TrailGrid
@@ -30,13 +32,16 @@ SAME_OPEN = 0.002
 # An edge is biased that its re-match leaves by more than this, in squared standard deviations times what is usual: the
 # 99.9 % quantile of chi-square with three degrees of freedom; its median; and over how many edges the usual is taken.
 FAR_CHI2, MEDIAN_CHI2, SCATTER_OVER = 16.27, 2.37, 100
-# A match is doubtful that scores this far below the usual, or lies so many standard deviations off the odometry. A
-# node's share of the usual score makes it follow some twenty nodes.
-DROP, CONTRADICTS, USUAL_SHARE = 0.05, 2.0, 0.05
+# A match is doubtful that fits less well than the usual one, or lies so many standard deviations off the odometry. A
+# node's share of the usual fit makes it follow some twenty nodes.
+CONTRADICTS, USUAL_SHARE = 2.0, 0.05
 # No slip carries a robot backwards by more.
 BACKWARDS_M = 0.05
-# Scores closer than so many standard deviations are ties.
-TIE = 2.0
+# Fits closer than so many standard deviations are ties: neighbouring beams err together, so three and not two. A match
+# that fits better by the gain, a share of the beams, needs no other word for it.
+TIE, CLEAR_GAIN = 3.0, 0.05
+# A covariance is told to the graph that is below this share of the old one, by determinants.
+SURER = 0.5
 # Guesses between an edge and the optimizer: a false one may be metres off, and what lies that far is searched for.
 MOST_GUESSES = 40
 
@@ -59,12 +64,13 @@ class Places:
 @dataclass(frozen=True)
 class OdometryResult:
     """``edges``: the new ones, by the node that they end at. ``poses`` (n, 3): the rebuilt map's. ``matched``, and how
-    many of these ``changed``, before score and covariance had their say."""
+    many of these ``changed``, before score and covariance had their say. ``unsettled`` (n,): those to match again."""
 
     edges: dict[int, NewEdge]
     poses: Float
     matched: int
     changed: int
+    unsettled: Bool
 
 
 class OdometryPass:
@@ -79,7 +85,8 @@ class OdometryPass:
         self._measured = Measured.of_nothing(front_end.state.count)
         self._steady: SteadyMotion | None = None
         self._change = np.zeros(3)
-        self._usual_score = 1.0
+        self._fits = Fits(front_end.config)
+        self._usual_fit = 1.0
         self._slips = Slips(front_end.state, front_end.config)
         self._scatter = np.zeros(front_end.state.count)
 
@@ -89,13 +96,11 @@ class OdometryPass:
         trail = TrailGrid(state, self._points, self._config)
         optimized = state.node_pose[:n].copy()
         poses = optimized.copy()
-        accepted = np.zeros(n, dtype=np.bool_)
-        changed = 0
+        accepted, differs = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
         for j in range(1, n):
             step = se2.between(optimized[j - 1], optimized[j])
             if wanted[j]:
-                step, differs, accepted[j] = self._rematch(j, poses[j - 1], step, trail.before(j, poses))
-                changed += differs
+                step, differs[j], accepted[j] = self._rematch(j, poses[j - 1], step, trail.before(j, poses))
             poses[j] = se2.compose(poses[j - 1], step)
             if j % 100 == 99 or j == n - 1:
                 progress("rebuilding", j + 1, n)
@@ -103,7 +108,11 @@ class OdometryPass:
         for j in range(1, n):
             step = edges[j].motion if j in edges else se2.between(optimized[j - 1], optimized[j])
             poses[j] = se2.compose(poses[j - 1], step)
-        return OdometryResult(edges, poses, int(wanted[1:].sum()), max(changed, len(edges)))
+        replaced = np.isin(np.arange(n), list(edges))
+        # The errors of neighbouring edges cancel: what lies beside a replaced one, and differed, is asked once more.
+        beside = np.convolve(replaced, [1, 0, 1], mode="same") > 0
+        changed = max(int(differs.sum()), len(edges))
+        return OdometryResult(edges, poses, int(wanted[1:].sum()), changed, replaced | (differs & beside))
 
     def _rematch(self, j: int, behind: Float, step: Float, grid: SurfaceGrid) -> tuple[Float, bool, bool]:
         """Matches node j on the grid of those before it: the step to take, whether it differs, and is accepted.
@@ -119,8 +128,7 @@ class OdometryPass:
         information, axis = self._observer.information(grid, points, match)
         found = se2.between(behind, match.pose)
         if axis.any():
-            along = turned(axis, found[2])
-            found[:2] += along * float(along @ (motion[:2] - found[:2]))
+            axis, found = self._held_by_odometry(grid, points, match, places, axis)
         m.motions[j], m.information[j], m.open_axes[j] = found, information, axis
         m.covariances[j], m.scores[j] = match.covariance(), match.score
         if self._is_by_laser_alone and m.is_open[max(1, j - AFTER_OPEN) : j + 1].any():
@@ -128,6 +136,19 @@ class OdometryPass:
         differs = self._differs(j, found)
         accepted = differs and not axis.any() and self._is_accepted(j, grid, points, match, places)
         return (found if accepted else step), differs, accepted
+
+    def _held_by_odometry(
+        self, grid: SurfaceGrid, points: Float, match: Match, places: Places, axis: Float
+    ) -> tuple[Float, Float]:
+        """An open axis (2,) and the motion (3,) of a match with the odometry's part along it.
+
+        Where the scan fits worse there, the axis was not open, and the match stands.
+        """
+        found = se2.between(places.behind, match.pose)
+        along, held = turned(axis, found[2]), found.copy()
+        held[:2] += along * float(along @ (places.motion[:2] - found[:2]))
+        gain, noise = self._fits.gain(grid, points, match.pose, se2.compose(places.behind, held))
+        return (np.zeros(2), found) if gain > max(TIE * noise, CLEAR_GAIN) else (axis, held)
 
     def _differs(self, j: int, found: Float) -> bool:
         """Whether a re-match differs from the edge; notes by how much, in squared standard deviations of the edge."""
@@ -157,28 +178,30 @@ class OdometryPass:
         return se2.between(odometry[scans[j - 1]], odometry[scans[j]])
 
     def _best(self, grid: SurfaceGrid, points: Float, places: Places) -> Match:
-        """The best-scoring match from guesses between poses; scores that tie go to the pose nearest the optimizer's.
+        """The best-fitting match from guesses between poses; fits that tie go to the pose nearest the optimizer's.
 
-        Where the first match scores low or contradicts the odometry, wheels may have slipped: part of the motion did
-        not happen, and guesses lie also between no motion and what the odometry reports.
+        Where the first match fits less well than usual or contradicts the odometry, wheels may have slipped: part of
+        the motion did not happen, and guesses lie also between no motion and what the odometry reports.
         """
         behind, predicted, guess, std = places.behind, places.predicted, places.guess, places.std
         best = self._matcher.match(grid, points, guess, round_prior(predicted, *std))
         off = se2.between(predicted, best.pose)
-        doubtful = best.score < self._usual_score - DROP or np.hypot(off[0], off[1]) > CONTRADICTS * std[0]
+        fit = self._fits.fit(grid, points, best.pose)
+        doubtful = fit < self._usual_fit or np.hypot(off[0], off[1]) > CONTRADICTS * std[0]
         others = between(places.old, guess, self._config.loops.guess_every_m)
         if doubtful and not self._is_by_laser_alone:
             others += [predicted, behind, *between(behind, predicted, self._config.loops.guess_every_m)]
         for start in others:
             other = self._matcher.match(grid, points, start, round_prior(start if doubtful else predicted, *std))
             is_possible = not doubtful or is_between(behind, predicted, other.pose, 3.0 * std[0])
-            if is_possible and other.score > best.score + score_noise(best.score, len(points)):
+            gain, noise = self._fits.gain(grid, points, other.pose, best.pose) if is_possible else (0.0, 1.0)
+            if gain > noise:
                 best = other
-        self._usual_score += USUAL_SHARE * (best.score - self._usual_score)
+        self._usual_fit += USUAL_SHARE * (self._fits.fit(grid, points, best.pose) - self._usual_fit)
         return best
 
     def _doubt(self, pose: Float, places: Places) -> float:
-        """What a pose must score ahead of the edge's for being farther from the odometry than that, up to its weight.
+        """What a pose must fit ahead of the edge's for being farther from the odometry than that, up to its weight.
 
         Nothing, where the optimizer sides with the new pose, and where wheels that slipped explain it: it falls short
         of what they report, by more than they usually err. Wheels never report too little.
@@ -196,19 +219,20 @@ class OdometryPass:
         return self._config.motion.prior_weight * max(new - before, 0.0)
 
     def _is_accepted(self, j: int, grid: SurfaceGrid, points: Float, match: Match, places: Places) -> bool:
-        """Whether a match replaces the edge that it differs from: by score, where scores tie by the optimizer.
+        """Whether a match replaces the edge that it differs from: by fit, where fits tie by the optimizer.
 
-        A difference within what edges of this log scatter is none, unless the score says otherwise by far.
+        A difference within what edges of this log scatter is none, unless the fit says otherwise by far. A poor score
+        will do where wheels slipped: there the old edge is no better known, and the covariance says how poor it is.
         """
         old, guess = places.old, places.guess
-        if match.score < self._config.match.min_score or len(points) == 0:
+        is_good = match.score >= self._config.match.min_score
+        if not is_good and not self._is_slip(places.motion, se2.between(places.behind, match.pose)):
             return False
-        score = self._matcher.judge(grid, points, old)[0] / len(points)
-        gain = match.score - score - self._doubt(match.pose, places)
-        noise = score_noise(score, len(points))
-        if gain > max(TIE * noise, DROP):
+        gain, noise = self._fits.gain(grid, points, match.pose, old)
+        gain -= self._doubt(match.pose, places)
+        if gain > max(TIE * noise, CLEAR_GAIN):
             return True
-        if not self._is_beyond_scatter(j):
+        if not is_good or not self._is_beyond_scatter(j):
             return False
         nearer = np.hypot(*(match.pose - guess)[:2]) < 0.5 * np.hypot(*(old - guess)[:2])
         return bool(gain > TIE * noise or (gain >= -TIE * noise and nearer))
@@ -226,14 +250,49 @@ class OdometryPass:
     def _new_edges(self, wanted: Bool, accepted: Bool, optimized: Float) -> dict[int, NewEdge]:
         """The edges to replace, with their covariances by IGO (2)."""
         expected = self._expected_motions()
-        odometry = np.array([odometry_covariance(step, self._config.motion) for step in expected])
+        happened = self._happened(expected)
+        odometry = np.array([odometry_covariance(step, self._config.motion) for step in happened])
         slipped: dict[int, NewEdge] = {}
         if self._is_by_laser_alone:
             accepted = accepted | self._level_speeds(wanted, odometry)
         else:
             slipped = self._slips.find(self._measured, expected, optimized, odometry)
         matched = {int(j): self._new_edge(int(j), odometry[j]) for j in np.flatnonzero(accepted)}
-        return {**{j: new for j, new in slipped.items() if wanted[j]}, **matched}
+        rows = np.flatnonzero(wanted & ~accepted & (happened != expected).any(axis=1))
+        return {**{j: new for j, new in slipped.items() if wanted[j]}, **self._surer(rows, odometry), **matched}
+
+    def _happened(self, expected: Float) -> Float:
+        """The motions (n, 3) that Sigma_odo is taken of: the reported ones, but where wheels slipped the matched ones.
+
+        A spin of two metres makes the model as unsure as a drive of two metres. Where the scan was found to have moved
+        less, by more than the wheels err over what it did move, that says nothing of the edge.
+        """
+        happened = expected.copy()
+        if self._is_by_laser_alone:
+            return happened
+        for j in np.flatnonzero(self._measured.scores > 0.0):
+            if self._is_slip(expected[j], self._measured.motions[j]):
+                happened[j] = self._measured.motions[j]
+        return happened
+
+    def _is_slip(self, reported: Float, found: Float) -> bool:
+        """Whether a motion (3,) falls short of the reported one by more than wheels err over a motion like it.
+
+        By one standard deviation: with a model as wide as the paper's, two would excuse nearly every slip.
+        """
+        way, off = (float(np.hypot(step[0], step[1])) for step in (found, reported - found))
+        std, _ = odometry_std(found, self._config.motion)
+        return way < np.hypot(reported[0], reported[1]) and off > std
+
+    def _surer(self, rows: NDArray[np.int64], odometry: Float) -> dict[int, NewEdge]:
+        """Edges over slips that came back unchanged, and surer than the slip had left them."""
+        state, surer = self._state, {}
+        for j in (int(row) for row in rows):
+            new = self._new_edge(j, odometry[j])
+            is_surer = np.linalg.det(new.covariance) < SURER * np.linalg.det(state.odometry_covariance[j])
+            if is_surer and is_same(state.odometry_edge[j], new.motion):
+                surer[j] = NewEdge(state.odometry_edge[j].copy(), new.covariance, new.drift)
+        return surer
 
     def _new_edge(self, j: int, odometry: Float) -> NewEdge:
         m = self._measured

@@ -80,7 +80,7 @@ class Rebuilder:
         state.node_pose[: state.count] = optimized
         dropped = len(state.loops) - len(loops.loops)
         state.loops[:] = loops.loops
-        self._odometry_wanted = np.isin(np.arange(state.count), list(odometry.edges))
+        self._odometry_wanted = odometry.unsettled
         self._loops_wanted = loops.changed
         moved = int(loops.changed.sum())
         return Round(

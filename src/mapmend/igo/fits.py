@@ -1,0 +1,35 @@
+"""How well a scan fits a grid at a pose, and whether it fits better at another by more than noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapmend.config import Config
+from mapmend.grid.surface import SurfaceGrid
+from mapmend.igo import _kernels
+from mapmend.igo.observed import Float
+
+
+class Fits:
+    """Fits of scans, 0 to 1: a score that also says how near the beams end to their surfaces.
+
+    The score counts beams within half the reach: a pose off by less, or off along a corridor with few niches, scores as
+    well as the right one. Compared beam by beam: those that fit at both poses, or at neither, are no noise.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._settings = np.array([config.grid.cell_size_m, config.match.reach_m])
+        self._result = np.zeros(3)
+
+    def fit(self, grid: SurfaceGrid, points: Float, pose: Float) -> float:
+        """The mean fit of ``points`` (n, 5) at a pose (3,); 0 for none."""
+        self._compare(grid, points, pose, pose)
+        return float(self._result[2])
+
+    def gain(self, grid: SurfaceGrid, points: Float, new: Float, old: Float) -> tuple[float, float]:
+        """By how much better ``points`` (n, 5) fit at a new pose (3,) than at an old one, and the noise of that."""
+        self._compare(grid, points, new, old)
+        return float(self._result[0]), float(self._result[1])
+
+    def _compare(self, grid: SurfaceGrid, points: Float, new: Float, old: Float) -> None:
+        _kernels.compare_fits(grid.table, grid.frame, grid.arrays, points, new, old, self._settings, self._result)
