@@ -24,6 +24,10 @@ from mapmend.parallel import Progress, no_progress
 LOOK_BACK = 40
 # Edges after an open one may be biased too: what comes into sight was drawn at poses that the open ones carried off.
 AFTER_OPEN = 10
+# A shorter open stretch is one only if the steady speed makes its length another by so many standard deviations: over
+# a few edges the front end's own prior is as good, and what looks open there is a corner seen by few beams. Lengths of
+# 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on seeds not shown there).
+LONG_OPEN_M, OPEN_SIGMA = 3.0, 5.0
 # A pose that a match moves by less was right: what the front end, too, takes for no motion of the map.
 SAME_M = 0.02
 SAME_RAD = 0.007
@@ -314,6 +318,7 @@ class OdometryPass:
             return np.zeros(n, dtype=np.bool_)
         self._change = usual_change(m.motions[1:], m.information[1:], self._seconds[1:])
         self._steady = steady_motion(m.motions[1:], m.information[1:], self._seconds[1:], self._change)
+        self._close_what_is_as_before()
         after = np.zeros(n, dtype=np.bool_)
         for j in np.flatnonzero(m.is_open):
             along = turned(m.open_axes[j], m.motions[j, 2])
@@ -323,6 +328,24 @@ class OdometryPass:
             share = self._seconds[first:end] / self._seconds[first:end].sum()
             odometry[first:end] = share[:, None, None] * self._steady.covariance_of_sum(first - 1, end - 1)
         return self._unlike_before(after & wanted)
+
+    def _close_what_is_as_before(self) -> None:
+        """Takes short open stretches for none where the edges had the length that the steady speed gives."""
+        m, steady, before = self._measured, self._steady, self._state.odometry_edge
+        assert steady is not None
+        for first, end in runs(m.is_open):
+            length, off, ahead = 0.0, np.zeros(2), np.zeros(2)
+            for j in range(first, end):
+                motion = steady.motions[j - 1, :2]
+                along = turned(m.open_axes[j], m.motions[j, 2])
+                along *= np.copysign(1.0, along @ motion)
+                off += along * float(along @ (motion - before[j, :2]))
+                ahead += along
+                length += float(np.hypot(motion[0], motion[1]))
+            ahead /= max(float(np.hypot(ahead[0], ahead[1])), 1e-9)
+            variance = ahead @ steady.covariance_of_sum(first - 1, end - 1)[:2, :2] @ ahead
+            if length < LONG_OPEN_M and float(ahead @ off) ** 2 <= OPEN_SIGMA**2 * variance:
+                m.open_axes[first:end] = 0.0
 
     def _unlike_before(self, rows: Bool) -> Bool:
         """Which of the edges have another measurement than in the graph."""
