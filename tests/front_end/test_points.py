@@ -38,10 +38,13 @@ def test_a_scan_without_readings_has_no_points():
     assert ScanPoints(scans, ScanConfig()).of(0).shape == (0, 5)
 
 
-@pytest.mark.parametrize(("increment_deg", "away"), [(2.0, 1), (1.0, 1), (0.5, 1), (0.25, 2), (-0.125, 4)])
-def test_normals_are_taken_between_beams_half_a_degree_away(increment_deg, away):
-    geometry = LaserGeometry(9, 0.0, np.radians(increment_deg), 30.0)
-    assert neighbours_away(geometry) == away
+@pytest.mark.parametrize(
+    ("increment_deg", "least", "at_2_m"), [(2.0, 1, 0), (1.0, 1, 0), (0.5, 1, 0), (0.25, 2, 11), (-0.125, 4, 22)]
+)
+def test_neighbours_of_dense_lasers_are_a_tenth_of_a_metre_away(increment_deg, least, at_2_m):
+    away, times_range = neighbours_away(LaserGeometry(9, 0.0, np.radians(increment_deg), 30.0))
+    assert away == least
+    assert int(times_range / 2.0) == at_2_m
 
 
 def test_normals_of_a_dense_laser_are_not_those_of_its_noise():
@@ -52,5 +55,5 @@ def test_normals_of_a_dense_laser_are_not_those_of_its_noise():
     scans = Scans(ranges, np.array([0, 481]), np.zeros(1, np.int32), (geometry,))
     normals = ScanPoints(scans, ScanConfig()).of(0)[:, 2:4]
     known = normals.any(axis=1)
-    assert known[4:-4].mean() > 0.95
-    assert np.median(np.abs(normals[known, 1])) < 0.5  # the sine of 0.4 rad, as at one beam a degree
+    assert known[23:-23].mean() > 0.95
+    assert np.median(np.abs(normals[known, 1])) < 0.12  # between next neighbours 0.9; at one beam a degree 0.3

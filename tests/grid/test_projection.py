@@ -20,8 +20,9 @@ readings = st.one_of(st.floats(0.0625, 12.0, width=32), st.sampled_from([np.inf,
     st.sampled_from(["any", "round", "wall", "posts"]),
     st.floats(-0.37, 0.37),
     st.integers(1, 3),
+    st.sampled_from([0.0, 2.0, 20.0]),
 )
-def test_projected_points_and_normals_are_those_of_the_plain_twin(drawn, mounting, kind, slant, away):
+def test_projected_points_and_normals_are_those_of_the_plain_twin(drawn, mounting, kind, slant, away, away_m):
     ranges, noise = drawn
     bearings = -1.0 + 0.2 * np.arange(len(ranges))
     if kind != "any" and ranges:
@@ -33,7 +34,7 @@ def test_projected_points_and_normals_are_those_of_the_plain_twin(drawn, mountin
         else:  # something near here and there, before what is behind
             ranges = np.where(np.array(ranges) > 3.0, ranges[0] + 4.0, near)
     ranges = np.array(ranges, dtype=np.float32)
-    limits = np.array([0.05, 10.0, 0.1, 0.03, away])
+    limits = np.array([0.05, 10.0, 0.1, 0.03, away, away_m])
     expected = project_scan([float(r) for r in ranges], bearings, limits, mounting)
     points = np.full((len(ranges), 5), 7.0)
     count = _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), limits, np.array(mounting), points)
@@ -51,7 +52,7 @@ def test_normals_of_a_wall_look_at_the_laser():
 def projected(ranges, bearings):
     """The points of a laser in the robot's centre; a row for every reading, none of which may be left out."""
     points = np.full((len(bearings), 5), 7.0)
-    limits = np.array([0.05, 100.0, 0.1, 0.03, 1])
+    limits = np.array([0.05, 100.0, 0.1, 0.03, 1, 0])
     ranges = np.array(ranges, dtype=np.float32)
     count = _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), limits, np.zeros(3), points)
     assert count == np.isfinite(ranges).sum()
@@ -92,7 +93,7 @@ def test_what_lies_on_no_line_with_its_neighbours_has_no_normal(middle):
         np.array(middle, dtype=np.float32),
         np.cos(bearings),
         np.sin(bearings),
-        np.array([0.05, 30.0, 0.1, 0.03, 1]),
+        np.array([0.05, 30.0, 0.1, 0.03, 1, 0]),
         np.zeros(3),
         rows,
     )

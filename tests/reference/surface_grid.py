@@ -11,11 +11,12 @@ MOST_EVIDENCE = 100
 CLEARANCE_CELLS = 1.5
 MOST_CHORD_M = 5.0
 MOST_THIN_BEAMS = 4
+MOST_AWAY = 40
 
 
 def project_scan(ranges, bearings_rad, limits, mounting):
     """Rows (x, y, normal x, normal y, thin) of the usable readings in the robot's frame."""
-    (shortest, longest, share, off_line_m), away = limits[:4], int(limits[4])
+    shortest, longest, share, off_line_m, least_away, away_m = limits
     places = [r * cmath.exp(1j * b) for r, b in zip(ranges, bearings_rad, strict=True)]
     turn = cmath.exp(1j * mounting[2])
     rows = []
@@ -23,6 +24,7 @@ def project_scan(ranges, bearings_rad, limits, mounting):
         if not shortest <= r <= longest:
             continue
         normal = 0j
+        away = int(max(least_away, min(away_m / r, MOST_AWAY)))
         if away <= k < len(ranges) - away:
             i, j = k - away, k + away
             chord = places[j] - places[i]
@@ -39,7 +41,7 @@ def project_scan(ranges, bearings_rad, limits, mounting):
                     normal = -across if (across * places[k].conjugate()).real > 0.0 else across
         place = complex(mounting[0], mounting[1]) + turn * places[k]
         normal *= turn
-        thin = 1.0 if is_thin(ranges, k, share * r + off_line_m, away) else 0.0
+        thin = 1.0 if is_thin(ranges, k, share * r + off_line_m, least_away) else 0.0
         rows.append((place.real, place.imag, normal.real, normal.imag, thin))
     return rows
 

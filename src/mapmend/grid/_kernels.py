@@ -28,8 +28,10 @@ REACH = 4
 MEAN_MEMORY = 40
 # Neighbouring points farther apart than this are not taken for one wall, however well they lie on a line.
 MOST_CHORD_M = 5.0
-# A post or a leg: at most so many times as wide as its neighbours are away.
+# A post or a leg: at most so many times as wide as neighbours are away at least.
 MOST_THIN_BEAMS = 4
+# Neighbours are at most so many beams away: 10 degrees of a common dense laser, on things at arm's length.
+MOST_AWAY = 40
 # A return weighs as much as this many passes: a beam that grazes a wall passes through some of its cells.
 RETURN_WEIGHT = 3
 # A beam clears up to this many cells from its surface, measured along the surface's normal.
@@ -44,13 +46,13 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
 
     ``limits`` = (shortest, longest usable range, largest difference to a neighbour's range on one surface as a share of
     it, distance m from the neighbours' chord up to which a point farther from them still lies on one wall with them,
-    how many beams away its neighbours are). The normal is that of the chord between the two neighbours, towards the
-    laser; (0, 0) where they are apart.
+    how many beams away its neighbours are at least, and how many, times the range). The normal is that of the chord
+    between the two neighbours, towards the laser; (0, 0) where they are apart.
     A wall seen at a grazing angle has its points far apart, but on one line. Thin is 1 for the points of a post or a
     leg, which hold a robot in every direction, else 0. Returns the number of rows written.
     """
     count = 0
-    beams, away = ranges.shape[0], int(limits[4])
+    beams = ranges.shape[0]
     cos_m, sin_m = math.cos(mounting[2]), math.sin(mounting[2])
     for k in range(beams):
         r = float(ranges[k])
@@ -58,6 +60,7 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
             continue
         x, y = r * cosines[k], r * sines[k]
         nx, ny = 0.0, 0.0
+        away = max(int(limits[4]), min(int(limits[5] / r), MOST_AWAY))
         if away <= k < beams - away:
             i, j = k - away, k + away
             before, after = float(ranges[i]), float(ranges[j])
@@ -77,7 +80,7 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
         points[count, 1] = mounting[1] + sin_m * x + cos_m * y
         points[count, 2] = cos_m * nx - sin_m * ny
         points[count, 3] = sin_m * nx + cos_m * ny
-        points[count, 4] = 1.0 if _is_thin(ranges, k, limits[2] * r + limits[3], away) else 0.0
+        points[count, 4] = 1.0 if _is_thin(ranges, k, limits[2] * r + limits[3], int(limits[4])) else 0.0
         count += 1
     return count
 
