@@ -13,8 +13,8 @@ from mapmend.front_end.state import LoopEdge
 from mapmend.geometry import se2
 from mapmend.graph.robust import DISTRUST_WEIGHT
 from mapmend.grid.surface import SurfaceGrid
+from mapmend.igo.guesses import between, is_same, score_noise
 from mapmend.igo.observed import Bool, Float
-from mapmend.igo.odometry_pass import between, is_same, score_noise
 from mapmend.matching.gauss_newton import Match, prior_at
 from mapmend.parallel import Progress, no_progress
 

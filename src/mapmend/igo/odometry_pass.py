@@ -13,6 +13,7 @@ from mapmend.front_end.motion import odometry_covariance, odometry_std
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.igo.fits import Fits
+from mapmend.igo.guesses import between, is_between, is_same
 from mapmend.igo.observed import Bool, Float, Measured, NewEdge, Observer, runs, turned
 from mapmend.igo.steady import SteadyMotion, steady_motion, usual_change
 from mapmend.igo.trail import TrailGrid
@@ -28,10 +29,7 @@ AFTER_OPEN = 10
 # a few edges the front end's own prior is as good, and what looks open there is a corner seen by few beams. Lengths of
 # 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on seeds not shown there).
 LONG_OPEN_M, OPEN_SIGMA = 3.0, 5.0
-# A pose that a match moves by less was right: what the front end, too, takes for no motion of the map.
-SAME_M = 0.02
-SAME_RAD = 0.007
-# The same for an edge that has an open axis: there the motion is not matched but computed, and does not scatter.
+# An edge that has an open axis is unchanged that moves by less: there the motion is not matched but computed, and does not scatter.
 SAME_OPEN = 0.002
 # An edge is biased that its re-match leaves by more than this, in squared standard deviations times what is usual: the
 # 99.9 % quantile of chi-square with three degrees of freedom; its median; and over how many edges the usual is taken.
@@ -39,15 +37,11 @@ FAR_CHI2, MEDIAN_CHI2, SCATTER_OVER = 16.27, 2.37, 100
 # A match is doubtful that fits less well than the usual one, or lies so many standard deviations off the odometry. A
 # node's share of the usual fit makes it follow some twenty nodes.
 CONTRADICTS, USUAL_SHARE = 2.0, 0.05
-# No slip carries a robot backwards by more.
-BACKWARDS_M = 0.05
 # Fits closer than so many standard deviations are ties: neighbouring beams err together, so three and not two. A match
 # that fits better by the gain, a share of the beams, needs no other word for it.
 TIE, CLEAR_GAIN = 3.0, 0.05
 # A covariance is told to the graph that is below this share of the old one, by determinants.
 SURER = 0.5
-# Guesses between an edge and the optimizer: a false one may be metres off, and what lies that far is searched for.
-MOST_GUESSES = 40
 
 
 @dataclass(frozen=True)
@@ -370,33 +364,6 @@ def edge_seconds(front_end: FrontEnd) -> Float:
     by_count = usual * np.maximum(np.diff(scans, prepend=0), 1)
     seconds = np.diff(stamps[scans], prepend=stamps[0])
     return np.where((seconds > 0.2 * by_count) & (seconds < 5.0 * by_count), seconds, by_count)
-
-
-def between(first: Float, last: Float, every_m: float) -> list[Float]:
-    """Poses (3,) every so many metres from the last to the first, the last aside; none where the two are near."""
-    count = min(int(np.hypot(*(last - first)[:2]) / every_m), MOST_GUESSES)
-    if count == 0:
-        return []
-    return [se2.interpolate(first, last, share) for share in np.linspace(1.0, 0.0, count + 1)[1:]]
-
-
-def is_between(first: Float, last: Float, pose: Float, slack_m: float) -> bool:
-    """Whether a pose (3,) lies on the way from one to another, or so little beyond: slip takes of a motion a part."""
-    way, step = (last - first)[:2], (pose - first)[:2]
-    length = float(np.hypot(way[0], way[1]))
-    share = float(way @ step) / max(length, 1e-9)
-    return -BACKWARDS_M <= share <= length + slack_m
-
-
-def is_same(old: Float, new: Float) -> bool:
-    """Whether an edge came back unchanged: two measurements (3,) of one motion."""
-    off = se2.between(old, new)
-    return bool(np.hypot(off[0], off[1]) <= SAME_M and abs(off[2]) <= SAME_RAD)
-
-
-def score_noise(score: float, points: int) -> float:
-    """The standard deviation of a score, a share of so many points: better by less is a tie."""
-    return float(np.sqrt(max(score * (1.0 - score), 0.01) / max(points, 1)))
 
 
 def opened(covariance: Float, axis: Float) -> Float:
