@@ -29,7 +29,8 @@ AFTER_OPEN = 10
 # a few edges the front end's own prior is as good, and what looks open there is a corner seen by few beams. Lengths of
 # 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on seeds not shown there).
 LONG_OPEN_M, OPEN_SIGMA = 3.0, 5.0
-# An edge that has an open axis is unchanged that moves by less: there the motion is not matched but computed, and does not scatter.
+# An edge that has an open axis is unchanged that moves by less: its motion is not matched but computed, and does not
+# scatter.
 SAME_OPEN = 0.002
 # An edge is biased that its re-match leaves by more than this, in squared standard deviations times what is usual: the
 # 99.9 % quantile of chi-square with three degrees of freedom; its median; and over how many edges the usual is taken.
