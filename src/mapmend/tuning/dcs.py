@@ -229,6 +229,6 @@ def _notes(search: Search, least: float, best: float, judged: Judged) -> list[st
         more = search.sums_m[best] / search.sums_m[least] - 1.0
         notes.append(
             f"M is least at phi = {least**2:.4g}, but that map contradicts itself (p = {judged[0][1].p_value:.3g}); "
-            f"taken is the lowest minimum of M whose map passes the check: its M is {more:+.1%} off"
+            f"taken is the lowest minimum of M whose map passes the check: its M is {more:.1%} higher"
         )
     return notes

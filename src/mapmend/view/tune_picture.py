@@ -34,8 +34,9 @@ def tune_png(result: TuneResult, name: str) -> bytes:
     figure = Figure(figsize=(13.0, 4.0 + 6.0 * aspect), layout="constrained")
     FigureCanvasAgg(figure)
     (whole, near), (published, tuned) = figure.subplots(2, 2, height_ratios=(3.0, 6.0 * aspect))
+    phi = f"{'phi*' if result.phi == result.least_phi else 'phi'} = {result.phi:.4g}"
     verdict = "consistent" if result.consistent else "no phi gives a consistent map"
-    figure.suptitle(f"{name}: {result.kernel}, phi* = {result.phi:.4g}; {verdict}, p = {result.check.p_value:.2g}")
+    figure.suptitle(f"{name}: {result.kernel}, {phi}; {verdict}, p = {result.check.p_value:.2g}")
     _draw_curve(whole, result, None)
     _draw_curve(near, result, ZOOM)
     views = result.check.views
@@ -43,7 +44,7 @@ def tune_png(result: TuneResult, name: str) -> bytes:
     at_published = result.measure_at(PUBLISHED_PHI)
     title = f"phi = {PUBLISHED_PHI:g}" + ("" if at_published is None else f": M = {at_published:.4g} m")
     _draw_map(published, result.published, other, np.zeros(0, np.int64), title)
-    title = f"phi* = {result.phi:.4g}: M = {result.measure_m:.4g} m, {len(result.switched_off)} loops off"
+    title = f"{phi}: M = {result.measure_m:.4g} m, {len(result.switched_off)} loops off"
     _draw_map(tuned, result.graph, views.points_in_map(), result.switched_off, title)
     tuned.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     stream = BytesIO()
