@@ -224,12 +224,12 @@ def shortcut_table(options: argparse.Namespace) -> str:
 
 
 def noise_table(options: argparse.Namespace) -> str:
-    """M at larger values of phi beside that at phi* of the clean graphs, with its standard error; relation errors."""
+    """M at other values of phi beside that at phi* of the clean graphs, with its standard error; relation errors."""
     rows = []
     for name in options.graphs:
         start = spoiled(options.data, Case(name, "-", 0, "odometry", 0))
         best = dcs.tune(start, init="given", threads=options.threads).least_phi
-        phis = [best, *(phi for phi in NOISE_PHIS if phi > best)]
+        phis = [best, *(phi for phi in NOISE_PHIS if phi != best)]
         found = [s for s in solve(start, "dcs", phis, threads=options.threads) if isinstance(s, Solution)]
         above = differences(start, [s.poses for s in found], options.threads)
         for solution, (more, error) in zip(found, above, strict=True):
