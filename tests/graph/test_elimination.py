@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mapmend.graph import _ordering_kernels as ordering
 from mapmend.graph import _symbolic_kernels as symbolic
 from mapmend.graph import elimination as elimination_of_graphs
-from mapmend.graph.elimination import analyse, multiply_adds
+from mapmend.graph.elimination import analyse, cut, multiply_adds
 from tests.graph.graphs import random_graph, read_public_graph
 from tests.reference import graph_elimination as reference
 
@@ -224,6 +224,14 @@ def test_a_grid_is_cut_so_that_two_threads_need_two_thirds_of_the_time():
     parts = [work[first:end].sum() for first, end in elimination.subtrees]
     assert work.sum() - sum(parts) + max(parts[0], sum(parts) / 2) < 0.67 * work.sum()
     assert not len(analyse(ends, count).subtrees)
+
+
+def test_a_long_tree_without_branches_is_not_cut():
+    """In a fifth of a second; a search for the children of each run took minutes."""
+    runs = 300_000
+    subtrees, rest = cut(np.append(np.arange(1, runs), -1), np.full(runs, 1e3), 2)
+    assert not len(subtrees)
+    assert rest.tolist() == [[0, runs]]
 
 
 def test_the_same_pattern_gives_the_same_elimination():

@@ -19,8 +19,8 @@ Unsigned = NDArray[np.uint64]
 # their blocks are zeros.
 NARROW, ZERO_SHARE = 3, 0.1
 # A factorization of fewer multiply-adds, a millisecond's work, is over before a second thread has begun; and the tree
-# is cut into at most so many subtrees.
-WORTH_THREADS, MOST_SUBTREES = 2e7, 64
+# is cut into at most so many subtrees, and so many times: a tree without branches gives nothing to cut.
+WORTH_THREADS, MOST_SUBTREES, MOST_CUTS = 2e7, 64, 10_000
 
 
 class Fronts(NamedTuple):
@@ -127,14 +127,18 @@ def cut(parents: Int, work: Float, threads: int) -> tuple[Int, Int]:
         if parent >= 0:
             of_subtree[parent] += of_subtree[run]
             first[parent] = min(first[parent], first[run])
-    roots, best, least = np.flatnonzero(parents < 0).tolist(), list[int](), whole
-    while 0 < len(roots) <= MOST_SUBTREES:
+    children = np.argsort(parents, kind="stable")
+    child_starts = np.searchsorted(parents[children], np.arange(-1, runs + 1))
+    roots, best, least = children[: child_starts[1]].tolist(), list[int](), whole
+    for _ in range(MOST_CUTS):
         roots.sort(key=lambda root: -of_subtree[root])
         together = sum(of_subtree[root] for root in roots)
+        if not 0 < len(roots) <= MOST_SUBTREES or whole - together >= least:
+            break
         longest = whole - together + max(of_subtree[roots[0]], together / threads)
         if longest < least:
             best, least = roots.copy(), longest
-        roots[:1] = np.flatnonzero(parents == roots[0]).tolist()
+        roots[:1] = children[child_starts[roots[0] + 1] : child_starts[roots[0] + 2]].tolist()
     subtrees = np.array([(first[root], root + 1) for root in best], np.int64).reshape(-1, 2)
     between = np.concatenate(([0], subtrees[np.argsort(subtrees[:, 0])].ravel(), [runs])).reshape(-1, 2)
     return subtrees, between[between[:, 0] < between[:, 1]]
