@@ -102,14 +102,15 @@ def errors(world: World, robot: Robot, wheels: str, seed: int) -> tuple[float, f
     if wheels == "none":
         config = replace(config, motion=replace(config.motion, use_odometry=False))
     front_end = FrontEnd(log, config)
-    front_end.run()
-    found = []
-    for _ in range(2):
+
+    def error_m() -> float:
         poses = front_end.state.scan_poses()
-        found.append(trajectory_errors(log.stamps_s, poses, log.stamps_s, drive.truth).translation_rmse_m)
-        if len(found) == 1:
-            iterate(front_end)
-    return found[0], found[1]
+        return trajectory_errors(log.stamps_s, poses, log.stamps_s, drive.truth).translation_rmse_m
+
+    front_end.run()
+    by_go = error_m()
+    iterate(front_end)
+    return by_go, error_m()
 
 
 if __name__ == "__main__":

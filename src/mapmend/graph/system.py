@@ -162,11 +162,11 @@ class System:
             fronts, scale = elimination.fronts, 1.0 + damping
             return int(_factor_kernels.factorize(values, scale, SMALLEST_PIVOT, fronts, lower, room, *runs))
 
-        weak = [place for place in map_in_order(work, elimination.subtrees.tolist(), self.threads) if place >= 0]
-        for runs in elimination.rest.tolist():
-            if not weak:
-                weak = [place for place in (work(runs),) if place >= 0]
-        if weak:
-            node = self.ids[self.nodes[self.elimination.order[min(weak)]]]
+        places = map_in_order(work, elimination.subtrees.tolist(), self.threads)
+        weak = min((place for place in places if place >= 0), default=-1)
+        if weak < 0:
+            weak = next((place for place in map(work, elimination.rest.tolist()) if place >= 0), -1)
+        if weak >= 0:
+            node = self.ids[self.nodes[self.elimination.order[weak]]]
             raise MapmendError(f"the graph's equations are singular to rounding: nothing holds node {node} in place")
         return Factorization(self.elimination, lower, self.unknowns)

@@ -130,7 +130,7 @@ class OdometryPass:
             axis, found = self._held_by_odometry(grid, points, match, places, axis)
         m.motions[j], m.information[j], m.open_axes[j] = found, information, axis
         m.covariances[j], m.scores[j] = match.covariance(), match.score
-        if self._is_by_laser_alone and m.is_open[max(1, j - AFTER_OPEN) : j + 1].any():
+        if self._is_by_laser_alone and m.open_axes[max(1, j - AFTER_OPEN) : j + 1].any():
             return self._steady_step(j), True, False
         differs = self._differs(j, found)
         accepted = differs and not axis.any() and self._is_accepted(j, grid, points, match, places)
@@ -195,8 +195,8 @@ class OdometryPass:
             is_possible = not doubtful or is_between(behind, predicted, other.pose, 3.0 * std[0])
             gain, noise = self._fits.gain(grid, points, other.pose, best.pose) if is_possible else (0.0, 1.0)
             if gain > noise:
-                best = other
-        self._usual_fit += USUAL_SHARE * (self._fits.fit(grid, points, best.pose) - self._usual_fit)
+                best, fit = other, self._fits.fit(grid, points, other.pose)
+        self._usual_fit += USUAL_SHARE * (fit - self._usual_fit)
         return best
 
     def _doubt(self, pose: Float, places: Places) -> float:

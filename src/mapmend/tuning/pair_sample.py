@@ -28,13 +28,12 @@ class Evaluation:
     """What a sample of pairs says of f maps, a row each.
 
     ``sum_m``: (f,), the sum of M_ij over the sample, metres; ``bound_m``: (f,), how far each may be off at most for
-    pairs that were not measured again. ``overlapping``: (f,), how many of the pairs may overlap. ``measured``: how many
-    pairs were measured in all, ``asked``: how many without the shortcut would have been.
+    pairs that were not measured again. ``measured``: how many pairs were measured in all, ``asked``: how many without
+    the shortcut would have been.
     """
 
     sum_m: Float
     bound_m: Float
-    overlapping: Int
     measured: int
     asked: int
 
@@ -74,11 +73,10 @@ class PairSample:
         ``tolerance_m``: the mean bound that pairs may have which are not measured again, those that moved least first;
         below 0 every pair is measured in every map.
         """
-        lasers, centres = self.list_pairs(poses, threads)
+        lasers = self.list_pairs(poses, threads)
 
-        def work(begin: int) -> tuple[Float, Float, Int, int]:
-            piece = slice(begin, begin + PAIRS_A_PIECE)
-            return self._evaluate_piece(piece, lasers, centres, tolerance_m)
+        def work(begin: int) -> tuple[Float, Float, int]:
+            return self._evaluate_piece(slice(begin, begin + PAIRS_A_PIECE), lasers, tolerance_m)
 
         begins = list(range(0, len(self.pairs), PAIRS_A_PIECE))
         parts = map_in_order(work, begins, threads, stage, progress)
@@ -86,15 +84,14 @@ class PairSample:
         return Evaluation(
             sum_m=np.sum([p[0] for p in parts], axis=0) if parts else none,
             bound_m=np.sum([p[1] for p in parts], axis=0) if parts else none,
-            overlapping=np.sum([p[2] for p in parts], axis=0) if parts else none.astype(np.int64),
-            measured=sum(p[3] for p in parts),
+            measured=sum(p[2] for p in parts),
             asked=len(self.pairs) * len(poses),
         )
 
-    def list_pairs(self, poses: list[Float], threads: int = 1) -> tuple[Float, Float]:
+    def list_pairs(self, poses: list[Float], threads: int = 1) -> Float:
         """Takes up pairs that meet in one of the maps and are not listed yet.
 
-        Returns the lasers, (f, n, 4), and the middles of the circles of view, (f, n, 2), in each map.
+        Returns the lasers in each map, (f, n, 4).
         """
         n = len(self.circles)
         lasers = np.stack([laser_places(self.scans, np.arange(n), p) for p in poses])
@@ -115,17 +112,14 @@ class PairSample:
         self.pairs = np.concatenate((self.pairs, found))
         self.kept = np.concatenate((self.kept, np.full((len(found), 4), np.nan)))
         self.values = np.concatenate((self.values, np.zeros(len(found))))
-        return lasers, centres
+        return lasers
 
-    def _evaluate_piece(
-        self, piece: slice, lasers: Float, centres: Float, tolerance_m: float
-    ) -> tuple[Float, Float, Int, int]:
-        """Sums, bounds and overlapping pairs of some pairs in all maps, one map after the other."""
+    def _evaluate_piece(self, piece: slice, lasers: Float, tolerance_m: float) -> tuple[Float, Float, int]:
+        """Sums and bounds of some pairs in all maps, one map after the other, and how many were measured."""
         pairs, kept, values = self.pairs[piece], self.kept[piece], self.values[piece]
         now, bounds = np.empty((len(pairs), 4)), np.empty(len(pairs))
         maps = len(lasers)
-        sums, off, overlapping, measured = np.zeros(maps), np.zeros(maps), np.zeros(maps, np.int64), 0
-        reach = self.circles[pairs[:, 0], 2] + self.circles[pairs[:, 1], 2]
+        sums, off, measured = np.zeros(maps), np.zeros(maps), 0
         for f in range(maps):
             _kernels.change_bounds(pairs, lasers[f], self.sums, kept, now, bounds)
             rows = _worth_measuring(bounds, tolerance_m)
@@ -135,10 +129,8 @@ class PairSample:
                 kept[rows] = now[rows]
                 bounds[rows] = 0.0
             sums[f], off[f] = values.sum(), bounds.sum()
-            apart = centres[f, pairs[:, 1]] - centres[f, pairs[:, 0]]
-            overlapping[f] = np.count_nonzero(np.hypot(apart[:, 0], apart[:, 1]) <= reach)
             measured += len(rows)
-        return sums, off, overlapping, measured
+        return sums, off, measured
 
 
 def _worth_measuring(bounds: Float, tolerance_m: float) -> Int:

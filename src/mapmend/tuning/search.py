@@ -63,7 +63,6 @@ class Search:
     solutions: dict[float, Solution] = field(default_factory=dict)
     sums_m: dict[float, float] = field(default_factory=dict)
     bounds_m: dict[float, float] = field(default_factory=dict)
-    overlapping: dict[float, int] = field(default_factory=dict)
     refusals: dict[float, MapmendError] = field(default_factory=dict)
     measured: int = 0
     asked: int = 0
@@ -99,7 +98,6 @@ class Search:
         roots = list(found)
         self.sums_m |= dict(zip(roots, evaluation.sum_m.tolist(), strict=True))
         self.bounds_m |= dict(zip(roots, evaluation.bound_m.tolist(), strict=True))
-        self.overlapping |= dict(zip(roots, evaluation.overlapping.tolist(), strict=True))
         self.measured += evaluation.measured
         self.asked += evaluation.asked
 
