@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.geometry import se2
+from mapmend.lab.method_figures import EdgePanel, Path2D, draw_edges, draw_paths
 from mapmend.simulation import Simulation
 from mapmend.slam import METHODS, MapResult, build_map
 from mapmend.view.figures import MapPanel, draw_comparison
-from mapmend.view.method_figures import EdgePanel, Path2D, draw_edges, draw_paths
 
 Float = NDArray[np.float64]
 

@@ -6,11 +6,11 @@ import os
 import sys
 from pathlib import Path
 
-from mapmend.evaluation.corruption import add_false_loops
-from mapmend.evaluation.map_corruption import corrupt, graph_of_log
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.g2o import write_g2o
 from mapmend.io.reader import read
+from mapmend.lab.false_loops import add_false_loops
+from mapmend.lab.map_corruption import corrupt, graph_of_log
 from mapmend.scan import ScanLog
 
 KIND, COUNT, SEED = "local", 50, 0

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from mapmend.evaluation.trajectory import align
 from mapmend.geometry import se2
+from mapmend.lab.method_figures import EdgePanel, Path2D, draw_edges, draw_maps, draw_paths
 from mapmend.scan import ScanLog
 from mapmend.slam import METHODS, MapResult
 from mapmend.view.figures import MapPanel
-from mapmend.view.method_figures import EdgePanel, Path2D, draw_edges, draw_maps, draw_paths
 
 Float = NDArray[np.float64]
 

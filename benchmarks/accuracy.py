@@ -12,12 +12,13 @@ import numpy as np
 from _measure import data_parser, log_path, markdown, relations_path, stop
 
 from mapmend.compiling import watch_compiling
-from mapmend.evaluation.altered_logs import turned
 from mapmend.evaluation.relations import RelationErrors, relation_errors
 from mapmend.geometry import se2
+from mapmend.io.read_log import read_log
 from mapmend.io.relations import Relations, read_relations
+from mapmend.lab.altered_logs import turned
 from mapmend.scan import ScanLog
-from mapmend.slam import build_map, read_log
+from mapmend.slam import build_map
 
 LOGS = ("intel", "fr079")
 METHODS = ("igo", "go", "scanmatch", "odometry")

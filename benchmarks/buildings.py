@@ -17,8 +17,8 @@ from _measure import markdown
 from _seeds import Results, Spread
 
 from mapmend.config import Config
-from mapmend.evaluation.altered_logs import with_people
 from mapmend.evaluation.trajectory import trajectory_errors
+from mapmend.lab.altered_logs import with_people
 from mapmend.simulation import OdometryModel, random_building, simulate
 from mapmend.slam import METHODS, build_map
 

@@ -26,13 +26,15 @@ from numpy.typing import NDArray
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.cascade import judge_scans, map_p_value
 from mapmend.consistency.check import CheckResult, check
-from mapmend.consistency.haehnel import log_likelihoods
 from mapmend.consistency.measure import measure, measure_pairs
 from mapmend.consistency.pairs import find_overlaps
 from mapmend.consistency.scale import odometry_map
 from mapmend.consistency.visibility import Views, build_views
 from mapmend.errors import MapmendError
-from mapmend.evaluation.map_corruption import (
+from mapmend.graph.pose_graph import PoseGraph
+from mapmend.io.reader import read
+from mapmend.lab.haehnel import log_likelihoods
+from mapmend.lab.map_corruption import (
     CORRUPTIONS,
     LabelledMap,
     consistent_map,
@@ -40,8 +42,6 @@ from mapmend.evaluation.map_corruption import (
     graph_of_log,
     simulated_map,
 )
-from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io.reader import read
 from mapmend.scan import ScanLog, Scans
 from mapmend.simulation import World, corridor_loop, office_floor, random_building
 from mapmend.simulation.dynamics import Dynamics

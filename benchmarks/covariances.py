@@ -18,11 +18,11 @@ from _measure import markdown
 from numpy.typing import NDArray
 
 from mapmend.config import Config
-from mapmend.evaluation.nees import mean_nees_band, normalized_errors, pose_errors
 from mapmend.front_end.builder import FrontEnd
 from mapmend.geometry import se2
 from mapmend.graph.marginals import marginals
 from mapmend.graph.optimizer import optimize
+from mapmend.lab.nees import mean_nees_band, normalized_errors, pose_errors
 from mapmend.simulation import World, corridor_loop, office_floor, random_building, simulate
 
 Float = NDArray[np.float64]

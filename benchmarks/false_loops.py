@@ -1,6 +1,6 @@
 """How much do false loop edges that were added before the iteration harm `igo`? By count and seed, on a recording.
 
-The front end maps the log once. Then, for every count and seed, false loops (`evaluation/corruption.py`, between nodes
+The front end maps the log once. Then, for every count and seed, false loops (`lab/false_loops.py`, between nodes
 drawn at random, with the information of true ones) are put into its graph, and the iteration starts.
 """
 
@@ -12,13 +12,13 @@ import numpy as np
 from _measure import data_parser, log_path, markdown, relations_path
 
 from mapmend.config import Config
-from mapmend.evaluation.corruption import FALSE_LOOP_KINDS, add_false_loops
 from mapmend.evaluation.relations import relation_errors
 from mapmend.front_end.builder import FrontEnd
 from mapmend.front_end.state import LoopEdge
 from mapmend.igo.iterate import iterate
+from mapmend.io.read_log import read_log
 from mapmend.io.relations import Relations, read_relations
-from mapmend.slam import read_log
+from mapmend.lab.false_loops import FALSE_LOOP_KINDS, add_false_loops
 
 COUNTS = (1, 5, 20)
 HEAD = ("false loops", "kind", "seeds", "median [m]", "worst [m]", "in seed", "over clean", "left of the false ones")

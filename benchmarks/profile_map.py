@@ -81,7 +81,7 @@ def functions(path: Path) -> str:
     """The functions with the most time of their own in the front end's second pass, as a table."""
     from mapmend.config import Config
     from mapmend.front_end.builder import FrontEnd
-    from mapmend.slam import read_log
+    from mapmend.io.read_log import read_log
 
     log = read_log(path)
     FrontEnd(log, Config()).run()

@@ -1,7 +1,7 @@
 """How far false loops lead a map astray, by kernel: the absolute trajectory error, ours beside GTSAM's.
 
 ringCity and Bicocca 25b are measured against their ground truth, M3500 and intel against their own optimum without
-false loops; always from odometry. False loops come in four kinds (``evaluation/corruption.py``), of each a number of
+false loops; always from odometry. False loops come in four kinds (``lab/false_loops.py``), of each a number of
 seeds. Every run is appended to --results as a line of JSON, and what is there already is not run again: end it at
 any time, and go on later, with more --seeds or other --solvers. Fewer seeds come first in all cases.
 
@@ -29,7 +29,6 @@ import numpy as np
 from _measure import data_parser, markdown, stop
 from numpy.typing import NDArray
 
-from mapmend.evaluation.corruption import FALSE_LOOP_KINDS, add_false_loops
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.pose_graph import PoseGraph
@@ -38,6 +37,7 @@ from mapmend.graph.starts import along_odometry
 from mapmend.io.columns import read_columns
 from mapmend.io.files import read_bytes
 from mapmend.io.g2o import read_g2o
+from mapmend.lab.false_loops import FALSE_LOOP_KINDS, add_false_loops
 
 Float = NDArray[np.float64]
 

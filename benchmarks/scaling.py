@@ -55,7 +55,7 @@ def in_child(work: object, *arguments: object) -> None:
 def write_once(path: Path, place: Path) -> None:
     """The log as plain text, as `write_twice` writes its own."""
     from mapmend.io.carmen import write_carmen
-    from mapmend.slam import read_log
+    from mapmend.io.read_log import read_log
 
     write_carmen(place / "once.clf", read_log(path))
 
@@ -66,9 +66,9 @@ def write_twice(place: Path, seam: str) -> None:
 
     from mapmend.geometry import se2
     from mapmend.io.carmen import write_carmen
+    from mapmend.io.read_log import read_log
     from mapmend.io.reader import read_run
     from mapmend.scan import ScanLog
-    from mapmend.slam import read_log
 
     log = read_log(place / "once.clf")
     rows = np.tile(np.arange(len(log), dtype=np.int64), 2)

@@ -1,6 +1,6 @@
 """Experiment I of the IGO paper: a real log whose wheels slip, mapped with a motion model widened for it.
 
-The slips are seeded and happen to a recording, mostly on straight stretches (``evaluation/slip.py``); its scans stay as
+The slips are seeded and happen to a recording, mostly on straight stretches (``lab/slip.py``); its scans stay as
 they are. The paper's variances, 1.6 for translation and 0.8 for rotation, are taken for 1 m and 1 rad of reported
 motion: ``motion.translation_std_per_m`` is their root, 1.26, and ``motion.rotation_std_per_rad`` 0.89.
 
@@ -27,12 +27,13 @@ from numpy.typing import NDArray
 
 from mapmend.config import Config
 from mapmend.evaluation.relations import relation_errors
-from mapmend.evaluation.slip import KINDS, LogSlip, SlipModel, slip_log
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.geometry import se2
+from mapmend.io.read_log import read_log
 from mapmend.io.relations import read_relations
+from mapmend.lab.slip import KINDS, LogSlip, SlipModel, slip_log
 from mapmend.scan import ScanLog
-from mapmend.slam import METHODS, MapResult, build_map, read_log
+from mapmend.slam import METHODS, MapResult, build_map
 
 Float = NDArray[np.float64]
 

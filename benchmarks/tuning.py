@@ -1,6 +1,6 @@
 """The kernel's parameter by map consistency beside fixed ones: MC Figure 4 on the scan graphs here.
 
-Graphs get false loops (``evaluation/corruption.py``) and, in the cases called corrupted, an initial guess whose nodes
+Graphs get false loops (``lab/false_loops.py``) and, in the cases called corrupted, an initial guess whose nodes
 are thrown about; the others start along the odometry. Every solver's map is measured against the true relations, and
 beside it stands the optimum of the clean graph. Every case is appended to --results as a line of JSON, and what is
 there already is not run again.
@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from mapmend.consistency.check import check
 from mapmend.consistency.visibility import build_views
-from mapmend.evaluation.corruption import add_false_loops
 from mapmend.evaluation.relations import relation_errors
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.pose_graph import PoseGraph
@@ -38,6 +37,7 @@ from mapmend.graph.robust import distrusted, kernel_of
 from mapmend.graph.starts import along_odometry
 from mapmend.io.reader import read
 from mapmend.io.relations import Relations, read_relations
+from mapmend.lab.false_loops import add_false_loops
 from mapmend.tuning import dcs
 from mapmend.tuning.pair_sample import Evaluation, PairSample
 from mapmend.tuning.search import grid_roots

@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 
-from mapmend.evaluation.corruption import add_false_loops
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.robust import distrusted, kernel_of
 from mapmend.graph.starts import along_odometry
 from mapmend.io.g2o import read_g2o
+from mapmend.lab.false_loops import add_false_loops
 
 
 def main(path: str) -> None:

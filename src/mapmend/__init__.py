@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from mapmend.consistency.check import CheckResult as CheckResult
     from mapmend.consistency.check import check as check
     from mapmend.errors import MapmendError as MapmendError
+    from mapmend.io.read_log import read_log as read_log
     from mapmend.io.reader import read as read
     from mapmend.run_folder import write_run as write_run
     from mapmend.slam import MapResult as MapResult
     from mapmend.slam import build_map as build_map
-    from mapmend.slam import read_log as read_log
     from mapmend.tuning.dcs import TuneResult as TuneResult
     from mapmend.tuning.dcs import tune as tune
 
@@ -36,7 +36,7 @@ _HOMES = {
     "build_map": "mapmend.slam",
     "check": "mapmend.consistency.check",
     "read": "mapmend.io.reader",
-    "read_log": "mapmend.slam",
+    "read_log": "mapmend.io.read_log",
     "tune": "mapmend.tuning.dcs",
     "write_run": "mapmend.run_folder",
 }

@@ -12,11 +12,11 @@ import numpy as np
 from mapmend import __version__
 from mapmend.config import to_dict
 from mapmend.io.g2o import write_g2o
-from mapmend.io.info import path_length_m
 from mapmend.io.nav2 import write_map
 from mapmend.io.output import RUN_FILE, whole_or_nothing, write_whole
 from mapmend.io.tum import write_tum
 from mapmend.slam import MapResult, stage
+from mapmend.trajectory import path_length_m
 
 if TYPE_CHECKING:
     from mapmend.tuning.dcs import TuneResult

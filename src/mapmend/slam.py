@@ -1,6 +1,6 @@
 """The whole method on a page: from a log to a trajectory, a pose graph with scans, and a map.
 
-read   io.reader             a log of scans, with the odometry at each
+read   io.read_log           a log of scans, with the odometry at each
 match  front_end.builder     IGO III: predict, match, open nodes and key-nodes, search loops, optimize (IGO's "GO")
 mend   igo.iterate           IGO IV: match edges again from where the optimizer has the nodes, until chi2 settles
 tune   tuning.dcs            where asked for: how far loops are doubted, by the scans (MC V)
@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,13 +26,10 @@ from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.grid.alignment import Alignment, align_walls
 from mapmend.grid.occupancy import occupancy_map
-from mapmend.io.bags.options import BagOptions
-from mapmend.io.info import describe_content
-from mapmend.io.nav2 import OccupancyMap
-from mapmend.io.reader import read
-from mapmend.io.tum import Trajectory
+from mapmend.maps import OccupancyMap
 from mapmend.parallel import Progress, no_progress
 from mapmend.scan import ScanLog
+from mapmend.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from mapmend.front_end.builder import FrontEnd
@@ -87,16 +83,6 @@ class Built:
     optimizations: int = 0
     mended: dict[str, Any] | None = None
     scans_at: Callable[[Float], Float] | None = None
-
-
-def read_log(
-    path: str | Path, lenient: bool = False, bag: BagOptions | None = None, progress: Progress = no_progress
-) -> ScanLog:
-    """The log in a file or ROS bag; raises InputError, saying what the file holds where it is no log."""
-    content = read(path, lenient, bag, progress)
-    if not isinstance(content, ScanLog):
-        raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log or a ROS bag")
-    return content
 
 
 def build_map(

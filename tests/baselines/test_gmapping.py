@@ -9,8 +9,9 @@ from mapmend.baselines.gmapping import ParticleFilter, path_graph
 from mapmend.config import Config
 from mapmend.evaluation.relations import relation_errors
 from mapmend.geometry import se2
+from mapmend.io.read_log import read_log
 from mapmend.io.relations import read_relations
-from mapmend.slam import build_map, read_log
+from mapmend.slam import build_map
 from tests.front_end.logs import BENT, drive, errors_of
 from tests.real_data import data_path
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from mapmend import cli
-from mapmend.evaluation.corruption import add_false_loops
 from mapmend.graph.optimizer import edge_chi2, optimize
 from mapmend.graph.robust import KERNELS
 from mapmend.graph.starts import STARTS
 from mapmend.io.g2o import read_g2o, write_g2o
 from mapmend.io.toro import read_toro, write_toro
+from mapmend.lab.false_loops import add_false_loops
 from mapmend.scan import LaserGeometry, Scans
 from tests.cli.interrupts import interrupted
 from tests.graph.graphs import perturbed, random_graph

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mapmend.config import Config
-from mapmend.evaluation.altered_logs import with_people
 from mapmend.front_end.builder import FrontEnd
 from mapmend.front_end.motion import odometry_covariance
 from mapmend.geometry import se2
+from mapmend.lab.altered_logs import with_people
 from mapmend.matching.gauss_newton import Match
 from mapmend.simulation import OdometryModel, SlipEvent, World, corridor_loop, simulate
 from tests.front_end.logs import (

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mapmend.config import Config
-from mapmend.evaluation.altered_logs import turned
 from mapmend.evaluation.relations import relation_errors
 from mapmend.front_end.builder import FrontEnd
 from mapmend.geometry import se2
 from mapmend.io.carmen import read_carmen
 from mapmend.io.relations import read_relations
+from mapmend.lab.altered_logs import turned
 from tests.real_data import data_path
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapmend.evaluation.corruption import add_false_loops
 from mapmend.geometry import se2
 from mapmend.graph import gnc
 from mapmend.graph.agreement import REACH_NODES, confirmed_loops
@@ -16,6 +15,7 @@ from mapmend.graph.optimizer import optimize
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import TRUE_EDGE_CHI2, kernel_of
 from mapmend.graph.starts import along_odometry
+from mapmend.lab.false_loops import add_false_loops
 from tests.graph.graphs import random_graph
 from tests.reference import graph_agreement
 

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmend.errors import MapmendError
-from mapmend.evaluation.corruption import add_false_loops
 from mapmend.geometry import se2
 from mapmend.graph import _robust_kernels
 from mapmend.graph.optimizer import OptimizerSettings, edge_chi2, edge_errors, optimize
 from mapmend.graph.robust import KERNELS, Switchable, distrusted, kernel_of
 from mapmend.graph.robust_descent import KernelDescent, SwitchDescent
 from mapmend.graph.system import System
+from mapmend.lab.false_loops import add_false_loops
 from tests.graph.graphs import perturbed, random_graph
 from tests.reference import graph_linearization as reference
 

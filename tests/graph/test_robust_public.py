@@ -7,11 +7,11 @@ import gzip
 import numpy as np
 import pytest
 
-from mapmend.evaluation.corruption import FALSE_LOOP_KINDS, add_false_loops
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.robust import distrusted, kernel_of
 from mapmend.graph.starts import along_odometry
+from mapmend.lab.false_loops import FALSE_LOOP_KINDS, add_false_loops
 from tests.graph.graphs import read_public_graph
 from tests.real_data import data_path
 

@@ -10,7 +10,7 @@ from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import compose
 from mapmend.grid import occupancy
 from mapmend.grid.occupancy import occupancy_map
-from mapmend.io.nav2 import FREE, OCCUPIED, UNKNOWN
+from mapmend.maps import FREE, OCCUPIED, UNKNOWN
 from mapmend.scan import LaserGeometry, Scans
 from tests.reference.occupancy_counts import count_beams
 

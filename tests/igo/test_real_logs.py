@@ -5,11 +5,11 @@ import pytest
 
 from mapmend.config import Config
 from mapmend.evaluation.relations import relation_errors
-from mapmend.evaluation.slip import SlipModel, slip_log
 from mapmend.front_end.builder import FrontEnd
 from mapmend.igo.iterate import iterate
 from mapmend.io.carmen import read_carmen
 from mapmend.io.relations import read_relations
+from mapmend.lab.slip import SlipModel, slip_log
 from tests.real_data import data_path
 
 

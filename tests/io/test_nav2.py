@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from mapmend.errors import InputError, MapmendError
-from mapmend.io.nav2 import FREE, OCCUPIED, UNKNOWN, OccupancyMap, parse_pgm, read_map, read_pgm, write_map
+from mapmend.io.nav2 import parse_pgm, read_map, read_pgm, write_map
+from mapmend.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 _images = arrays(np.uint8, array_shapes(min_dims=2, max_dims=2, max_side=12))
 

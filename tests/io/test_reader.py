@@ -11,11 +11,13 @@ from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.g2o import write_g2o
 from mapmend.io.graph_lines import parse_graph
 from mapmend.io.info import components, describe
-from mapmend.io.nav2 import OccupancyMap, write_map
+from mapmend.io.nav2 import write_map
 from mapmend.io.reader import open_text, read, read_bytes
 from mapmend.io.relations import Relations
-from mapmend.io.tum import Trajectory, write_tum
+from mapmend.io.tum import write_tum
+from mapmend.maps import OccupancyMap
 from mapmend.scan import ScanLog
+from mapmend.trajectory import Trajectory
 from tests.io.samples import short_graph, short_log
 from tests.real_data import data_path
 

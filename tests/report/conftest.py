@@ -9,9 +9,9 @@ import pytest
 
 from mapmend.config import Config
 from mapmend.grid.occupancy import occupancy_map
-from mapmend.io.tum import Trajectory
 from mapmend.run_folder import write_run
 from mapmend.slam import MapResult
+from mapmend.trajectory import Trajectory
 from tests.consistency.scenes import graph_of, room_graph
 
 NODES = 80

@@ -17,7 +17,8 @@ from mapmend.config import Config
 from mapmend.consistency.check import check
 from mapmend.errors import InputError
 from mapmend.graph.optimizer import edge_chi2
-from mapmend.io.nav2 import FREE, OCCUPIED, UNKNOWN, OccupancyMap, read_map
+from mapmend.io.nav2 import read_map
+from mapmend.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.report import embedding
 from mapmend.report.embedding import packed, packed_map, safe_json
 from mapmend.report.page import report_page

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mapmend.io.nav2 import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from mapmend.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.view.map_picture import (
     FREE_COLOUR,
     MOST_PIXELS,

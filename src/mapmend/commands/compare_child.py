@@ -17,8 +17,9 @@ from mapmend.commands.console import bag_options
 from mapmend.compiling import watch_compiling
 from mapmend.config import from_dict
 from mapmend.errors import MapmendError
+from mapmend.io.read_log import read_log
 from mapmend.run_folder import write_run
-from mapmend.slam import MapResult, build_map, read_log
+from mapmend.slam import MapResult, build_map
 
 MB_PER_RSS_UNIT = 1.0 / 1024.0 if sys.platform != "darwin" else 1.0 / 1024.0**2
 TELL_EVERY_S = 0.2

@@ -19,8 +19,8 @@ from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.info import describe_content
 from mapmend.io.reader import read, read_run
 from mapmend.io.relations import read_relations
-from mapmend.io.tum import Trajectory
 from mapmend.scan import ScanLog, Scans
+from mapmend.trajectory import Trajectory
 
 Float = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ from typing import Any
 from mapmend.commands.console import ProgressBar, bag_options, print_json, say, say_notes, thread_count, told_compiling
 from mapmend.config import Config, read_toml
 from mapmend.io.output import check_writable
+from mapmend.io.read_log import read_log
 from mapmend.run_folder import write_run
-from mapmend.slam import build_map, check_method, read_log
+from mapmend.slam import build_map, check_method
 
 
 def _import_ahead() -> None:

@@ -15,7 +15,6 @@ from mapmend import __version__
 from mapmend.commands.console import print_json
 from mapmend.errors import MapmendError
 from mapmend.io.carmen import write_carmen
-from mapmend.io.info import path_length_m
 from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
 from mapmend.io.tum import write_tum
 from mapmend.simulation import (
@@ -28,6 +27,7 @@ from mapmend.simulation import (
     random_building,
     simulate,
 )
+from mapmend.trajectory import path_length_m
 from mapmend.view.figures import draw_world
 
 WORLDS: dict[str, Callable[[int], World]] = {

@@ -10,10 +10,10 @@ from pathlib import Path
 from mapmend.commands.console import print_json
 from mapmend.errors import InputError, MapmendError
 from mapmend.io.nav2 import read_map
-from mapmend.io.output import check_file_writable
+from mapmend.io.output import check_file_writable, write_whole
 from mapmend.io.reader import read_run
 from mapmend.report.run_data import read_page
-from mapmend.view.rerun_recording import check_installed, record, save, show
+from mapmend.view.rerun_recording import check_installed, record, rrd_bytes, show
 
 
 def run(options: Namespace) -> int:
@@ -35,11 +35,12 @@ def run(options: Namespace) -> int:
         if options.json:
             print_json(told)
         return 0
-    size = save(recording, options.save)
+    content = rrd_bytes(recording)
+    write_whole(options.save, content)
     if options.json:
-        print_json({**told, "recording": options.save, "bytes": size})
+        print_json({**told, "recording": options.save, "bytes": len(content)})
     else:
-        print(f"recording: {options.save} ({size / 1e6:.1f} MB); open it with: rerun {options.save}")
+        print(f"recording: {options.save} ({len(content) / 1e6:.1f} MB); open it with: rerun {options.save}")
     return 0
 
 

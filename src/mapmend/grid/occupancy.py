@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mapmend.config import ScanConfig
 from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import compose
-from mapmend.io.nav2 import FREE, FREE_THRESHOLD, OCCUPIED, UNKNOWN, OccupancyMap
+from mapmend.maps import FREE, FREE_THRESHOLD, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.parallel import Progress, map_in_order, no_progress
 from mapmend.scan import Scans
 

@@ -19,8 +19,9 @@ from mapmend.io.g2o import write_g2o
 from mapmend.io.kitti import COLUMNS, read_kitti, write_kitti
 from mapmend.io.reader import read, read_run
 from mapmend.io.toro import write_toro
-from mapmend.io.tum import Trajectory, write_tum
+from mapmend.io.tum import write_tum
 from mapmend.scan import ScanLog
+from mapmend.trajectory import Trajectory
 
 FORMATS = ("carmen", "mcap", "sqlite3", "g2o", "toro", "tum", "kitti")
 BY_SUFFIX = {

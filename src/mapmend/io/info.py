@@ -10,17 +10,15 @@ from typing import Any
 import numpy as np
 
 from mapmend.errors import InputError
-from mapmend.geometry.se2 import between
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io._decimals import Float
 from mapmend.io.bags.container import bag_kind
 from mapmend.io.bags.describe import describe_bag, frame_line, topic_line
 from mapmend.io.bags.options import BagOptions
-from mapmend.io.nav2 import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.io.reader import Content, read, read_run
 from mapmend.io.relations import Relations
-from mapmend.io.tum import Trajectory
+from mapmend.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.scan import LaserGeometry, ScanLog, Scans
+from mapmend.trajectory import Trajectory, path_length_m
 
 _MOST_LINES = 40
 
@@ -174,12 +172,6 @@ def _map_facts(grid: OccupancyMap) -> dict[str, Any]:
         "occupied_cells": int(count[OCCUPIED]),
         "unknown_cells": int(count[UNKNOWN]),
     }
-
-
-def path_length_m(poses: Float) -> float:
-    """How far a robot went through poses of shape (n, 3)."""
-    step = between(poses[:-1], poses[1:])
-    return float(np.hypot(step[:, 0], step[:, 1]).sum())
 
 
 def components(graph: PoseGraph) -> int:

@@ -2,42 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapmend.errors import InputError, MapmendError
+from mapmend.errors import InputError
 from mapmend.io._decimals import Float
 from mapmend.io.files import decode, read_bytes
 from mapmend.io.output import write_whole
-
-FREE, OCCUPIED, UNKNOWN = 254, 0, 205
-OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
+from mapmend.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD, Image, OccupancyMap
 
 _MOST_CELLS = 1 << 30
-Image = NDArray[np.uint8]
-
-
-@dataclass(frozen=True)
-class OccupancyMap:
-    """A picture of cells: uint8, shape (rows, columns), row 0 at the LOWEST y, 254 free, 0 occupied, 205 unknown.
-
-    ``origin``: x, y, yaw of the lower left corner in the map's frame.
-    """
-
-    image: Image
-    resolution_m: float
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    occupied_threshold: float = OCCUPIED_THRESHOLD
-    free_threshold: float = FREE_THRESHOLD
-
-    def __post_init__(self) -> None:
-        if self.image.ndim != 2 or self.image.dtype != np.uint8:
-            raise MapmendError(f"image must be uint8 (rows, columns), got {self.image.dtype} {self.image.shape}")
-        if not (0.0 < self.resolution_m < np.inf and np.all(np.isfinite(self.origin))):
-            raise MapmendError(f"a map needs a positive resolution and a finite origin, got {self.resolution_m}")
 
 
 def write_map(folder: str | Path, grid: OccupancyMap, name: str = "map") -> None:

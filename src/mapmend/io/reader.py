@@ -17,11 +17,13 @@ from mapmend.io.carmen import parse_carmen
 from mapmend.io.columns import read_columns
 from mapmend.io.files import open_text, read_bytes
 from mapmend.io.graph_lines import parse_graph
-from mapmend.io.nav2 import OccupancyMap, parse_map, parse_pgm
+from mapmend.io.nav2 import parse_map, parse_pgm
 from mapmend.io.relations import Relations, parse_relations
-from mapmend.io.tum import Trajectory, parse_tum
+from mapmend.io.tum import parse_tum
+from mapmend.maps import OccupancyMap
 from mapmend.parallel import Progress, no_progress
 from mapmend.scan import ScanLog
+from mapmend.trajectory import Trajectory
 
 __all__ = ["Content", "Picture", "Table", "open_text", "read", "read_bytes", "read_run", "recognise"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,20 +11,10 @@ from mapmend.io._decimals import Float
 from mapmend.io.columns import read_columns
 from mapmend.io.files import read_bytes
 from mapmend.io.output import write_whole
+from mapmend.trajectory import Trajectory
 
 _FIELDS = ("stamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 _LEAST_DECIMALS = 6
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """Poses over time: ``stamps_s`` shape (n,), ``poses`` shape (n, 3), in the order of the file."""
-
-    stamps_s: Float
-    poses: Float
-
-    def __len__(self) -> int:
-        return len(self.stamps_s)
 
 
 def read_tum(path: str | Path) -> Trajectory:

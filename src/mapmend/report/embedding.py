@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from mapmend.io.nav2 import FREE, OCCUPIED, OccupancyMap
+from mapmend.maps import FREE, OCCUPIED, OccupancyMap
 from mapmend.view.map_picture import FREE_COLOUR, OCCUPIED_COLOUR, UNKNOWN_COLOUR, shrunk
 
 MOST_PIXELS = 16_000_000

@@ -14,13 +14,14 @@ from mapmend.config import Config, to_dict
 from mapmend.consistency.check import CheckResult, check
 from mapmend.errors import InputError, MapmendError
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io.nav2 import OCCUPIED, OccupancyMap, read_map
+from mapmend.io.nav2 import read_map
 from mapmend.io.output import RUN_FILE
 from mapmend.io.reader import read_run
-from mapmend.io.tum import Trajectory
+from mapmend.maps import OCCUPIED, OccupancyMap
 from mapmend.parallel import Progress, no_progress
 from mapmend.report.embedding import packed, packed_map
 from mapmend.scan import Scans
+from mapmend.trajectory import Trajectory
 
 Float = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.io.nav2 import UNKNOWN, OccupancyMap
+from mapmend.maps import UNKNOWN, OccupancyMap
 from mapmend.view.figures import ESTIMATE, draw_grid, finish_axes, new_figure, save_figure
 
 Float = NDArray[np.float64]

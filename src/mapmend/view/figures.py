@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.io.nav2 import FREE, OCCUPIED, OccupancyMap
+from mapmend.maps import FREE, OCCUPIED, OccupancyMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from mapmend.io.nav2 import FREE, OCCUPIED, OccupancyMap
+from mapmend.maps import FREE, OCCUPIED, OccupancyMap
 
 if TYPE_CHECKING:
     from mapmend.slam import MapResult

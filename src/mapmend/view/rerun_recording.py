@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
@@ -14,10 +13,9 @@ from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import transform_points
 from mapmend.graph.optimizer import edge_chi2
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io.nav2 import FREE, OCCUPIED, OccupancyMap
-from mapmend.io.output import write_whole
-from mapmend.io.tum import Trajectory
+from mapmend.maps import FREE, OCCUPIED, OccupancyMap
 from mapmend.scan import Scans
+from mapmend.trajectory import Trajectory
 from mapmend.view.map_picture import FREE_COLOUR, OCCUPIED_COLOUR, UNKNOWN_COLOUR
 
 if TYPE_CHECKING:
@@ -86,13 +84,11 @@ def record(trajectory: Trajectory, graph: PoseGraph, grid: OccupancyMap, key_nod
     return Recording(stream, _blueprint(trajectory))
 
 
-def save(recording: Recording, path: str | Path) -> int:
-    """Writes an ``.rrd`` file, whole or not at all, and gives its size in bytes; raises OutputError."""
+def rrd_bytes(recording: Recording) -> bytes:
+    """The content of an ``.rrd`` file, which rerun opens."""
     memory = recording.stream.memory_recording()
     recording.stream.send_blueprint(recording.blueprint)
-    content = memory.drain_as_bytes()
-    write_whole(path, content)
-    return len(content)
+    return memory.drain_as_bytes()
 
 
 def show(recording: Recording) -> None:

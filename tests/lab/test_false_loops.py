@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmend.errors import MapmendError
-from mapmend.evaluation.corruption import FALSE_LOOP_KINDS, GROUP_SIZE, LOCAL_NODES, add_false_loops
+from mapmend.lab.false_loops import FALSE_LOOP_KINDS, GROUP_SIZE, LOCAL_NODES, add_false_loops
 from tests.graph.graphs import random_graph
 
 kinds = st.sampled_from(FALSE_LOOP_KINDS)

@@ -3,11 +3,11 @@
 import numpy as np
 
 from mapmend.config import ConsistencyConfig
-from mapmend.consistency.haehnel import CELL_M, count_over_grids, log_likelihoods
 from mapmend.consistency.visibility import build_views
 from mapmend.geometry import se2
+from mapmend.lab.haehnel import CELL_M, count_over_grids, log_likelihoods
 from tests.consistency.scenes import room_graph
-from tests.reference import consistency_haehnel as plain
+from tests.reference import lab_haehnel as plain
 
 CONFIG = ConsistencyConfig()
 

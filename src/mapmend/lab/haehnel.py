@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.consistency import _haehnel_kernels
 from mapmend.consistency.measure import kernel_views
 from mapmend.consistency.pairs import find_overlaps
 from mapmend.consistency.visibility import Views
+from mapmend.lab import _haehnel_kernels
 from mapmend.parallel import Progress, map_in_order, no_progress
 
 Float = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""The plain twin of consistency/haehnel.py: a grid as a dictionary, a cell at a time."""
+"""The plain twin of lab/haehnel.py: a grid as a dictionary, a cell at a time."""
 
 import math
 

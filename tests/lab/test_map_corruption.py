@@ -5,8 +5,8 @@ import pytest
 
 from mapmend.consistency.check import check
 from mapmend.errors import MapmendError
-from mapmend.evaluation.map_corruption import CORRUPTIONS, consistent_map, corrupt, label, simulated_map
 from mapmend.geometry import se2
+from mapmend.lab.map_corruption import CORRUPTIONS, consistent_map, corrupt, label, simulated_map
 from mapmend.simulation import random_building
 from mapmend.simulation.dynamics import Dynamics
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmend.errors import MapmendError
-from mapmend.evaluation.slip import GAP_M, STRAIGHT_RAD, SlipModel, slip_log
 from mapmend.geometry import se2
+from mapmend.lab.slip import GAP_M, STRAIGHT_RAD, SlipModel, slip_log
 from mapmend.scan import LaserGeometry, ScanLog, Scans
 
 CORNERS = np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [5.0, 30.0], [5.0, 3.0]])

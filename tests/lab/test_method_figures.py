@@ -3,9 +3,9 @@
 import numpy as np
 from PIL import Image
 
-from mapmend.io.nav2 import FREE, OCCUPIED, OccupancyMap
+from mapmend.lab.method_figures import EdgePanel, Path2D, draw_edges, draw_maps, draw_paths
+from mapmend.maps import FREE, OCCUPIED, OccupancyMap
 from mapmend.view.figures import MapPanel
-from mapmend.view.method_figures import EdgePanel, Path2D, draw_edges, draw_maps, draw_paths
 
 ROUND = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [0.0, 5.0], [0.0, 0.5]])
 ROUND_POSES = np.column_stack((ROUND, np.zeros(len(ROUND))))

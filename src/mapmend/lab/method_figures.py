@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.geometry.se2 import transform_points
-from mapmend.io.nav2 import OccupancyMap
+from mapmend.maps import OccupancyMap
 from mapmend.view.figures import ESTIMATE, TRUE_PATH, MapPanel, draw_grid, finish_axes, new_figure, save_figure
 
 Float = NDArray[np.float64]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mapmend.errors import MapmendError
-from mapmend.evaluation.nees import mean_nees_band, normalized_errors, pose_errors
 from mapmend.geometry import se2
+from mapmend.lab.nees import mean_nees_band, normalized_errors, pose_errors
 
 
 def random_covariances(rng, n):
