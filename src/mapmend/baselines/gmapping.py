@@ -247,9 +247,9 @@ def path_graph(particle_filter: ParticleFilter) -> tuple[PoseGraph, Float]:
             edge = own + carry @ before @ carry.T
         state.add_node(update.scan, poses[row], edge, edge)
         before = own
+    # The steps between the nodes as the scans between them were tracked: what the scans' places are relative to.
+    state.tracked_step[: len(updates)] = [update.tracked for update in updates]
     graph = state.pose_graph(with_scans=True)
     for k, row in enumerate(particle_filter.scan_update.tolist()):
         state.hang_scan(k, row, se2.compose(poses[row], particle_filter.T_update_scan[k]))
-    # Only now, for the scans between the nodes: the graph measures what the particle's poses say.
-    state.odometry_edge[: len(updates)] = [update.tracked for update in updates]
     return graph, state.scan_poses()
