@@ -7,13 +7,14 @@ import os
 import threading
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 
 from mapmend.commands.simulate import first_scans
 from mapmend.datasets import fetch as fetching
 from mapmend.datasets import registry
-from mapmend.datasets.cache import cache_folder, fetched_path
+from mapmend.datasets.cache import cache_folder, fetched_path, named_file
 from mapmend.datasets.fetch import fetch
 from mapmend.datasets.registry import Dataset, RemoteFile
 from mapmend.errors import InputError, MapmendError, OutputError
@@ -84,14 +85,14 @@ def dataset(server, content, monkeypatch, tmp_path):
     return dataset
 
 
-def test_a_fetched_log_is_read_by_its_name(dataset, content, server):
+def test_a_name_stands_for_the_fetched_log(dataset, content, server):
     with pytest.raises(InputError, match="fetch it with: mapmend datasets fetch drive"):
-        read("drive")
+        named_file("drive")
     paths = fetch(dataset)
     assert paths == [cache_folder() / "drive.clf.bz2"]
     assert paths[0].read_bytes() == content
-    assert isinstance(read("drive"), ScanLog)
-    assert isinstance(read("drive.clf.bz2"), ScanLog)
+    assert isinstance(read(named_file("drive")), ScanLog)
+    assert isinstance(read(named_file("drive.clf.bz2")), ScanLog)
     fetch(dataset)
     assert len(server.asked) == 1  # what is there is not fetched again
     assert [path.name for path in cache_folder().iterdir()] == ["drive.clf.bz2"]
@@ -166,7 +167,7 @@ def test_a_read_only_cache_serves_what_it_has(dataset, tmp_path):
     cache_folder().chmod(0o555)
     try:
         assert fetch(dataset) == [path]
-        assert isinstance(read("drive"), ScanLog)
+        assert isinstance(read(named_file("drive")), ScanLog)
         if os.geteuid() != 0:  # root writes everywhere
             wanted = replace(dataset, files=(replace(dataset.files[0], name="other.clf.bz2"),))
             with pytest.raises(OutputError, match="name another folder with MAPMEND_CACHE"):
@@ -179,7 +180,28 @@ def test_a_file_that_is_there_comes_before_a_public_log_of_its_name(dataset, tmp
     monkeypatch.chdir(tmp_path)
     assert fetched_path("nothing of ours") is None
     (tmp_path / "drive").write_text("1.5 0 0 0 0 0 0.6 0.8\n")
-    assert len(read("drive")) == 1
+    assert len(read(named_file("drive"))) == 1
+
+
+def test_names_are_resolved_by_commands_alone(dataset, tmp_path, monkeypatch, mapmend):
+    monkeypatch.chdir(tmp_path)
+    fetch(dataset)
+    with pytest.raises(InputError, match="drive: no such file"):
+        read("drive")
+    assert "20" in mapmend("info", "drive").out
+    assert mapmend("map", "drive", "-o", "run", "--method", "odometry").code == 0
+    assert json.loads(Path("run/run.json").read_text())["log"] == "drive"
+    assert mapmend("convert", "drive", "path.tum").code == 0
+    assert mapmend("eval", "drive", "--reference", "drive").code == 0
+    assert mapmend("compare", "drive", "-o", "beside", "--methods", "odometry").code == 0
+    for command in (("check",), ("tune",), ("optimize", "-o", "out.g2o")):
+        assert "holds no pose graph" in mapmend(*command, "drive").complaint
+
+
+def test_a_name_that_no_file_can_have_is_left_to_the_reader(dataset):
+    for name in ("x" * 5000, "x\0y"):
+        with pytest.raises(InputError, match=r"can't be read|no such file"):
+            read(named_file(name))
 
 
 def test_the_command_shows_licence_and_citation(dataset, server, mapmend):

@@ -11,6 +11,7 @@ import numpy as np
 from mapmend.commands.console import ProgressBar, print_json, say, table, thread_count, told_compiling
 from mapmend.config import Config, read_toml
 from mapmend.consistency.check import CheckResult, check
+from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError, OutputError
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.info import describe_content
@@ -52,7 +53,7 @@ def load_graph(path: str) -> PoseGraph:
         if graph is None:
             raise InputError(path, "the RUN holds no graph.g2o", "map the log again")
         return graph
-    content = read(path)
+    content = read(named_file(path))
     if not isinstance(content, PoseGraph):
         kind = describe_content(content).kind
         raise InputError(path, f"holds no pose graph but a {kind}", "name a RUN, or a g2o or TORO graph with scans")

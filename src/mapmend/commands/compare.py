@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from argparse import Namespace
@@ -11,6 +12,7 @@ from typing import Any
 
 from mapmend import __version__
 from mapmend.commands.console import ProgressBar, print_json, say, table, thread_count
+from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
 from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
 
@@ -60,17 +62,19 @@ def _request(options: Namespace) -> dict[str, Any]:
         raise MapmendError(f"--methods names {', '.join(sorted(repeated))} twice")
     for method in options.methods:
         check_method(method, config)
-    if not Path(options.log).is_file() and not Path(options.log).is_dir():
+    log, relations = named_file(options.log), named_file(options.relations) if options.relations else None
+    if not os.path.exists(log):
         raise InputError(options.log, "is not there", "check the path")
-    if options.relations:
-        read_relations(options.relations)
+    if relations:
+        read_relations(relations)
     return {
-        "log": options.log,
+        "log": str(log),
+        "name": options.log,
         "lenient": options.lenient,
         "bag": {name: getattr(options, name) for name in BAG},
         "config": to_dict(config),
         "threads": thread_count(options.threads),
-        "relations": options.relations,
+        "relations": str(relations) if relations else None,
     }
 
 

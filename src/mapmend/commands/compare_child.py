@@ -47,7 +47,7 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
     log = read_log(request["log"], request["lenient"], bag_options(Namespace(**request["bag"])))
     with watch_compiling(lambda: None) as compiling:
         result = build_map(log, request["method"], config, threads=request["threads"], progress=progress)
-        page = write_run(result, request["run"], source=request["log"])
+        page = write_run(result, request["run"], source=request["name"])
     values = {
         "method": request["method"],
         "seconds": round(time.perf_counter() - began - compiling.seconds, 3),

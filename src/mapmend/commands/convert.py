@@ -5,17 +5,18 @@ from __future__ import annotations
 from argparse import Namespace
 
 from mapmend.commands.console import bag_options, print_json
+from mapmend.datasets.cache import named_file
 from mapmend.io.convert import convert
 
 
 def run(options: Namespace) -> int:
     """Converts, and says what the new file has no place for."""
     done = convert(
-        options.source,
+        named_file(options.source),
         options.target,
         options.to,
         bag=bag_options(options),
-        stamps=options.stamps,
+        stamps=named_file(options.stamps) if options.stamps else None,
         lenient=options.lenient,
     )
     if options.json:

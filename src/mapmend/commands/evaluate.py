@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.commands.console import print_json
+from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
 from mapmend.evaluation.relations import relation_errors
 from mapmend.evaluation.trajectory import trajectory_errors
@@ -63,7 +64,7 @@ def load(path: str, lenient: bool = False) -> Measured:
         trajectory, graph = read_run(path)
         mounting = None if graph is None else _mounting(graph.scans)
         return Measured(trajectory.stamps_s, trajectory.poses, "trajectory of the run", mounting)
-    content = read(path, lenient)
+    content = read(named_file(path), lenient)
     if isinstance(content, Trajectory):
         return Measured(content.stamps_s, content.poses, "trajectory")
     if isinstance(content, ScanLog):
@@ -84,7 +85,7 @@ def _mounting(scans: Scans | None) -> tuple[float, float, float] | None:
 
 
 def _against_relations(measured: Measured, path: str, mounting: Float | None) -> dict[str, Any]:
-    true = read_relations(path)
+    true = read_relations(named_file(path))
     errors = relation_errors(
         measured.stamps_s, measured.poses, true.t1_s, true.t2_s, true.relative_poses, T_robot_laser=mounting
     )

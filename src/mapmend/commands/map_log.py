@@ -10,6 +10,7 @@ from typing import Any
 
 from mapmend.commands.console import ProgressBar, bag_options, print_json, say, say_notes, thread_count, told_compiling
 from mapmend.config import Config, read_toml
+from mapmend.datasets.cache import named_file
 from mapmend.io.output import check_writable
 from mapmend.io.read_log import read_log
 from mapmend.run_folder import write_run
@@ -30,7 +31,7 @@ def run(options: Namespace) -> int:
     imports.start()
     began = time.perf_counter()
     with ProgressBar() as progress:
-        log = read_log(options.log, options.lenient, bag_options(options), progress)
+        log = read_log(named_file(options.log), options.lenient, bag_options(options), progress)
     seconds = {"read": time.perf_counter() - began}
     imports.join()
     say_notes(log.notes)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mapmend.commands.console import ProgressBar, print_json, table, thread_count, told_compiling
+from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
 from mapmend.graph.optimizer import OptimizationResult, edge_chi2, optimize
 from mapmend.graph.pose_graph import PoseGraph
@@ -38,7 +39,7 @@ def run(options: Namespace) -> int:
         raise MapmendError(f"{options.output}: graphs are written plain; name it without {Path(options.output).suffix}")
     check_file_writable(options.output)
     began = time.perf_counter()
-    graph, written_as = read_graph(options.graph)
+    graph, written_as = read_graph(named_file(options.graph))
     seconds = {"read": time.perf_counter() - began}
     with ProgressBar() as progress, told_compiling() as compiling:
         given_chi2 = float(edge_chi2(graph).sum())
@@ -64,7 +65,7 @@ def run(options: Namespace) -> int:
     return 0
 
 
-def read_graph(path: str) -> tuple[PoseGraph, str]:
+def read_graph(path: Path) -> tuple[PoseGraph, str]:
     """The graph in a file, and whether its lines are g2o's or TORO's; raises InputError for other content."""
     data = read_bytes(path)
     if recognise(data, path) != "graph":

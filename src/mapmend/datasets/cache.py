@@ -40,6 +40,18 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def named_file(name: str | Path) -> Path:
+    """The file or folder of that name; where there is none, the fetched file of the public log so called.
+
+    Commands ask this for each input that a person names; ``mapmend.read`` and all of ``io`` take paths alone. A name
+    that is neither comes back as a path, for its reader to refuse. Raises InputError for a public log that has not
+    been fetched, or that is damaged.
+    """
+    if os.path.exists(name):
+        return Path(name)
+    return fetched_path(name) or Path(name)
+
+
 def fetched_path(name: str | Path) -> Path | None:
     """The fetched file that a name stands for; None for a name that is not a public log's.
 

@@ -7,19 +7,15 @@ import gzip
 import zlib
 from pathlib import Path
 
-from mapmend.datasets.cache import fetched_path
 from mapmend.errors import InputError
 
 _GZIP, _BZIP2 = b"\x1f\x8b", b"BZh"
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """The content of a plain, ``.gz`` or ``.bz2`` file, or of a fetched public log by its name.
-
-    Raises InputError for what can't be opened or unpacked.
-    """
+    """The content of a plain, ``.gz`` or ``.bz2`` file; raises InputError for what can't be opened or unpacked."""
     try:
-        packed = _place(path).read_bytes()
+        packed = Path(path).read_bytes()
     except FileNotFoundError:
         raise InputError(path, "no such file", "check the path") from None
     except IsADirectoryError:
@@ -36,13 +32,6 @@ def read_bytes(path: str | Path) -> bytes:
     except (OSError, EOFError, ValueError, zlib.error) as error:
         raise InputError(path, f"broken archive: {_reason(error)}", "fetch or pack the file again") from None
     return packed
-
-
-def _place(path: str | Path) -> Path:
-    """The path itself, or where a public log of that name lies; a file that is there comes first."""
-    if Path(path).exists():
-        return Path(path)
-    return fetched_path(path) or Path(path)
 
 
 def open_text(path: str | Path) -> str:
