@@ -35,7 +35,7 @@ def random_readings(rng, count):
 
 
 def room_graph(nodes=12, seed=0, noise_m=0.01, with_loop=True):
-    """A robot that goes to and fro in a room of 6 m x 4 m; poses are true, edges exact, the scans noisy."""
+    """A robot that goes back and forth in a room of 6 m x 4 m; poses are true, edges exact, the scans noisy."""
     from mapmend.simulation.ray_casting import cast_rays
 
     rng = np.random.default_rng(seed)

@@ -122,7 +122,7 @@ def test_a_prior_pulls_as_hard_as_its_information_says(seed, offset):
     difference[2] = float(se2.wrap_angle(difference[2]))
     pull = variance * prior[:3] @ difference
     scale = np.abs(surfaces).max() + np.abs(pull).max()
-    # Associations change while the pose creeps: a step to and fro of 0.1 mm on a stiff prior is what may be left.
+    # Associations change while the pose creeps: a step back and forth of 0.1 mm on a stiff prior is what may be left.
     np.testing.assert_allclose(surfaces + pull, 0.0, atol=0.02 * scale + 2e-4 * np.abs(variance * prior[:3]).max())
 
 

@@ -53,7 +53,7 @@ SAMPLED_POINTS = 10_000_000
 """The sample's pairs have so many end points in all at most: 28,000 pairs of scans of 180 beams."""
 
 TOLERANCE = 0.01
-"""The share of M by which a sum may be off at most for pairs that were not measured again. Points move to and fro, and
+"""The share of M by which a sum may be off at most for pairs that were not measured again. Points move back and forth, and
 what this leaves out is a hundredth of the bound (``benchmarks/tuning.py --what shortcut``)."""
 
 
