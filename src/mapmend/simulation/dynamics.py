@@ -42,8 +42,8 @@ def scan_changing_world(
 ) -> Scans:
     """The scans that a robot takes at poses ``truth`` (n, 3), in the world's frame, at stamps (n,).
 
-    People walk back and forth along the world's route; each moved thing stands in one place up to the middle of the stamps
-    and in another from then on. The same arguments give the same bytes.
+    People walk back and forth along the world's route; each moved thing is at one place up to the middle of the stamps
+    and at another from then on. The same arguments give the same bytes.
     """
     people_rng, objects_rng, noise_rng, loss_rng = (default_rng(s) for s in SeedSequence(seed).spawn(4))
     geometry = laser.geometry

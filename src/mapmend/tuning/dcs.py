@@ -50,15 +50,15 @@ PUBLISHED_PHI = 1.0
 """What DCS is published with; its map is kept for comparison."""
 
 SAMPLED_POINTS = 10_000_000
-"""The sample's pairs have so many end points in all at most: 28,000 pairs of scans of 180 beams."""
+"""The greatest number of end points in the pairs of the sample: 28,000 pairs of scans of 180 beams."""
 
 TOLERANCE = 0.01
-"""The share of M by which a sum may be off at most for pairs that were not measured again. Points move back and forth, and
-what this leaves out is a hundredth of the bound (``benchmarks/tuning.py --what shortcut``)."""
+"""The share of M by which a sum may be off at most for pairs that were not measured again. Points move back and forth,
+and the true error is a hundredth of this bound (``benchmarks/tuning.py --what shortcut``)."""
 
 
 MOST_CHECKED = 5
-"""Where the map of least M fails the check, so many valleys of M are checked, that one included."""
+"""How many valleys of M are checked at most, the lowest one included, if the map of least M fails the check."""
 
 
 class Verdict(NamedTuple):
