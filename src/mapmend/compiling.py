@@ -40,7 +40,7 @@ def watch_compiling(tell: Callable[[], None]) -> Iterator[CompileWatch]:
 
     watch = CompileWatch(tell)
 
-    class Listener(event.Listener):  # type: ignore[misc]
+    class Listener(event.Listener):
         def on_start(self, event: object) -> None:
             watch.start()
 

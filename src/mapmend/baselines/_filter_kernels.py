@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mapmend.baselines._map_kernels import nearest_surface
 from mapmend.grid._kernels import cell_at
+from mapmend.kernel_cache import kernel
 from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER_SIDE, wrap
 
 # Samples stand so many standard deviations from the mode along each axis of the posterior, on both sides and at it: of
@@ -17,7 +17,7 @@ SAMPLE_STD = math.sqrt(3.0)
 SAMPLES = 27
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _counterpart(table, frame, cells, x, y, nx, ny, size):
     """The surface nearest to a point with that normal (map axes): its cell, -1 in seen space, -2 where never seen."""
     surface, _, evidence, nearest = cells
@@ -34,7 +34,7 @@ def _counterpart(table, frame, cells, x, y, nx, ny, size):
     return source
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def match_scan(table, frame, cells, points, pose, prior, settings, normal):
     """Gauss-Newton of one scan on one particle's map: ``pose`` (3,) is the start, and written. Returns the score.
 
@@ -118,7 +118,7 @@ def match_scan(table, frame, cells, points, pose, prior, settings, normal):
     return matched / max(points.shape[0], 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def log_likelihood(table, frame, cells, points, pose, settings):
     """log p(z | m, x) of a scan at a pose, up to a constant: Gaussian in each beam's distance, floored.
 
@@ -153,14 +153,14 @@ def log_likelihood(table, frame, cells, points, pose, settings):
     return -0.5 * total / (settings[1] * settings[1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _log_prior(pose, prior):
     """log p(x | x', u), up to a constant that all particles share."""
     dx, dy, dt = pose[0] - prior[0], pose[1] - prior[1], wrap(pose[2] - prior[2])
     return -0.5 * ((dx * dx + dy * dy) / (prior[3] * prior[3]) + dt * dt / (prior[4] * prior[4]))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cholesky(a, lower):
     """The lower factor of a symmetric positive definite 3 x 3 matrix; the product of its diagonal."""
     for i in range(3):
@@ -176,7 +176,7 @@ def _cholesky(a, lower):
     return lower[0, 0] * lower[1, 1] * lower[2, 2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_proposal(table, frame, cells, points, prior, mode, information, result):
     """The Gaussian of Grisetti et al. (2007), eqs. (15) to (19), about the mode of one particle's posterior.
 
@@ -220,7 +220,7 @@ def fit_proposal(table, frame, cells, points, prior, mode, information, result):
     result[12] = best + math.log(total) + math.log(volume) + 3.0 * math.log(SAMPLE_STD)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def propose(tables, frame, cells, points, particles, priors, settings, normals):
     """Moves a range of particles by the improved proposal and weighs them. Grisetti et al. (2007), Algorithm 1.
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mapmend.grid._kernels import (
     MOST_EVIDENCE,
@@ -27,13 +26,14 @@ from mapmend.grid._kernels import (
     cell_at,
     clear_share,
 )
+from mapmend.kernel_cache import kernel
 
 ACROSS = 2 * REACH + 1
 # Beams are followed in steps of so many cells to find the tiles they touch. A corner cut on the way is not written to.
 STRIDE_CELLS = 8
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _own(tables, p, row, column, pool, cells):
     """Makes sure that the tile at a place of particle p's table is its own; False where no tile is left."""
     references, free = pool
@@ -63,7 +63,7 @@ def _own(tables, p, row, column, pool, cells):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def claim_tiles(tables, frame, pool, cells, points, poses, settings):
     """Gives every particle the tiles that a scan at its pose will write to; False where the pool is too small.
 
@@ -96,7 +96,7 @@ def claim_tiles(tables, frame, pool, cells, points, poses, settings):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _own_cell(table, frame, references, row, column):
     """The number of a cell in a tile that this particle alone uses, or -1."""
     cell = cell_at(table, frame, row, column)
@@ -105,7 +105,7 @@ def _own_cell(table, frame, references, row, column):
     return cell
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def nearest_surface(table, frame, nearest, cell, row, column):
     """The number of the occupied cell nearest to a cell, or -1."""
     code = int(nearest[cell])
@@ -115,7 +115,7 @@ def nearest_surface(table, frame, nearest, cell, row, column):
     return cell_at(table, frame, row + code // ACROSS - REACH, column + code % ACROSS - REACH)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _announce(table, frame, references, cells, cell, row, column, size):
     """A cell became occupied: it is the nearest of those around it whose nearest is farther."""
     surface, _, _, nearest = cells
@@ -134,7 +134,7 @@ def _announce(table, frame, references, cells, cell, row, column, size):
             nearest[other] = (row - r + REACH) * ACROSS + (column - c + REACH) + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _withdraw(table, frame, references, cells, cell, row, column, size):
     """A cell became free: those around it that pointed at it look for the next nearest."""
     surface, returns, _, nearest = cells
@@ -157,7 +157,7 @@ def _withdraw(table, frame, references, cells, cell, row, column, size):
             nearest[other] = best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pass_through(table, frame, references, evidence, ray, size, freed, count):
     """One piece of evidence for free in every cell of ``ray`` (x0, y0, x1, y1); ``freed`` takes cells that became so.
 
@@ -193,7 +193,7 @@ def _pass_through(table, frame, references, evidence, ray, size, freed, count):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def insert_scan(table, frame, references, cells, points, pose, settings):
     """One scan's points (n, 5), robot frame, into one particle's map at ``pose``; its tiles were claimed before.
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 QUIET_S = 1.0
 MOST_NOTES = 8
 COMPILING = "compiling kernels (first run only) ..."
+COMPILING_AGAIN = "compiling kernels (at every run: no folder to keep them in; let NUMBA_CACHE_DIR name one) ..."
 
 
 class ProgressBar:
@@ -69,8 +70,14 @@ def told_compiling() -> Iterator[CompileWatch]:
     """Says once on standard error when kernels are compiled within the block; the watch knows for how long."""
     from mapmend.compiling import watch_compiling
 
-    with watch_compiling(lambda: say(COMPILING)) as watch:
+    with watch_compiling(_say_compiling) as watch:
         yield watch
+
+
+def _say_compiling() -> None:
+    from mapmend.kernel_cache import cache_folder
+
+    say(COMPILING if cache_folder() else COMPILING_AGAIN)
 
 
 def say(text: str) -> None:

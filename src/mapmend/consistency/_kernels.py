@@ -25,7 +25,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from mapmend.kernel_cache import kernel
 
 SECTORS = 1024
 """Of the pseudo-angle over a full turn: half of all points are told to be outside by them, and the rest their wedge."""
@@ -45,7 +46,7 @@ BLOCK = 64
 ZERO, TWO, FOUR, TINY = np.float32(0.0), np.float32(2.0), np.float32(4.0), np.float32(1e-30)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sector_of(x, y, sectors):
     """The sector of a bearing: y / (|x| + |y|), which rises with the angle, unrolled to four quarters of a turn."""
     if x == 0.0 and y == 0.0:
@@ -56,7 +57,7 @@ def sector_of(x, y, sectors):
     return min(int((unrolled + 2.0) * (sectors / 4.0)), sectors - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sectors_of(frame, xy, begin, end, count, sectors, squares):
     """The sectors and squared distances from the laser of the points ``xy`` from ``begin`` to before ``end``.
 
@@ -75,7 +76,7 @@ def sectors_of(frame, xy, begin, end, count, sectors, squares):
         squares[k] = x * x + y * y
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def room_for(points):
     """What BLOCK pairs are compared in, worst case.
 
@@ -93,7 +94,7 @@ def room_for(points):
     return *views, *found, np.empty(of_one, np.int32), np.empty(of_one, np.float32), np.empty(of_one, np.bool_)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def look(pairs, stands, lasers, block, room):
     """Has both scans of each pair in ``block``, rows of ``pairs`` (k, 2), look at the other; gives their number."""
     who, frames = room[0], room[1]
@@ -111,7 +112,7 @@ def look(pairs, stands, lasers, block, room):
     return 2 * block.shape[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_near(views, polygons, points, room):
     """The end points that the limits don't tell to be outside: their rows and sectors, view by view.
 
@@ -150,7 +151,7 @@ def find_near(views, polygons, points, room):
         begins[view + 1] = found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def keep_inside(views, polygons, points, beams, room):
     """Of these the points that lie inside, with their places in the viewer's frame and their wedges."""
     corners, starts, near2 = polygons[0], polygons[1], polygons[4]
@@ -183,7 +184,7 @@ def keep_inside(views, polygons, points, beams, room):
         begins[view + 1] = found
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def squared_distance(x, y, x0, y0, ex, ey, inverse):
     """From a point to the side that leads from (x0, y0) on by (ex, ey)."""
     dx, dy = x - x0, y - y0
@@ -193,7 +194,7 @@ def squared_distance(x, y, x0, y0, ex, ey, inverse):
     return dx * dx + dy * dy
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def may_be_nearer(x, y, ray_x, ray_y, nearest):
     """Whether what lies beyond a ray may be nearer to a point, squared, than ``nearest``.
 
@@ -203,7 +204,7 @@ def may_be_nearer(x, y, ray_x, ray_y, nearest):
     return (cross * cross if ray_x * x + ray_y * y > 0.0 else x * x + y * y) < nearest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def find_depths(views, polygons, beams, room):
     """How deep these points lie inside, metres; those at no depth are left out.
 
@@ -245,7 +246,7 @@ def find_depths(views, polygons, beams, room):
         begins[view + 1] = deep
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def compare(pairs, stands, polygons, points, lasers, beams, block, room):
     """The depths, metres, of both scans' end points in the other's polygon, for the pairs in ``block``."""
     views = look(pairs, stands, lasers, block, room)
@@ -254,7 +255,7 @@ def compare(pairs, stands, polygons, points, lasers, beams, block, room):
     find_depths(views, polygons, beams, room)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sum_without_largest(values, count, dropped):
     """The sum of the first ``count`` values but the ``dropped`` largest; reorders them (quickselect)."""
     keep = count - dropped
@@ -285,7 +286,7 @@ def sum_without_largest(values, count, dropped):
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def by_second(pairs, n):
     """The rows of pairs (k, 2) of n scans by their second scan, in order otherwise (counting sort)."""
     begins = np.zeros(n + 1, np.int64)
@@ -300,7 +301,7 @@ def by_second(pairs, n):
     return order
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured):
     """MC (2) for pairs of scans (k, 2): ``measured`` (k, 4) takes n_ij, M_ij, and both without the largest depths.
 
@@ -327,7 +328,7 @@ def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured
             measured[row, 2], measured[row, 3] = count - dropped, total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mark_points(pairs, least_depths, polygons, points, lasers, beams, marks):
     """Counts in ``marks``, (returns,), for each end point the pairs in which it lies at least so deep, (k,), metres."""
     room = room_for(points)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mapmend.kernel_cache import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def overlapping(i, boxes, cells, order, starts, width, found):
     """The number of scans after i whose boxes overlap its box; ``found`` takes them, rising, where it is not empty.
 
@@ -38,7 +39,7 @@ def overlapping(i, boxes, cells, order, starts, width, found):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_overlapping(boxes, cells, order, starts, width, counts):
     """How many scans after it overlap each scan, ``counts`` (n,)."""
     nowhere = np.empty(0, np.int64)
@@ -47,7 +48,7 @@ def count_overlapping(boxes, cells, order, starts, width, counts):
             counts[i] = overlapping(i, boxes, cells, order, starts, width, nowhere)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def list_overlapping(first, last, boxes, cells, grid, counts, pairs):
     """The overlapping pairs (i, j), i < j, of the scans from ``first`` to before ``last``, in order, into ``pairs``.
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from mapmend.kernel_cache import kernel
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def squared_reach(ray_x, ray_y, x, y, ex, ey):
     """How far, squared, a ray is inside the triangle of the laser and the side (ex, ey) from (x, y) on."""
     ends = max(x * x + y * y, (x + ex) ** 2 + (y + ey) ** 2)
@@ -18,7 +19,7 @@ def squared_reach(ray_x, ray_y, x, y, ex, ey):
     return min(area * area, ends * across * across) / (across * across) if across > 0.0 else ends
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sector_reach(corners, offsets, counts, laser, edges, wedges, reach2):
     """The largest squared radius of each scan's polygon in each sector of the pseudo-angle: ``reach2`` (n, sectors).
 
@@ -46,7 +47,7 @@ def sector_reach(corners, offsets, counts, laser, edges, wedges, reach2):
             reach2[i, sector] = largest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def group_reach(reach2, gap_sines, radius, reach2_of_groups):
     """The squared distance from which on a circle's middle in a sector is too far for it to touch the polygon.
 
@@ -72,7 +73,7 @@ def group_reach(reach2, gap_sines, radius, reach2_of_groups):
             reach2_of_groups[i, s] = largest * largest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def group_points(xy, offsets, most, radius, middles, first_rows):
     """Cuts each scan's end points, (returns, 2), into groups of neighbours, ``most`` at most, within ``radius``.
 

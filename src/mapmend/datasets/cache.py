@@ -17,8 +17,11 @@ CACHE_VARIABLE = "MAPMEND_CACHE"
 def cache_folder() -> Path:
     """Where fetched files lie: the folder that MAPMEND_CACHE names, else the user's cache of the system."""
     named = os.environ.get(CACHE_VARIABLE)
-    if named:
-        return Path(named)
+    return Path(named) if named else user_folder()
+
+
+def user_folder() -> Path:
+    """The folder in the user's cache of the system that is ours. Raises RuntimeError where the user has no home."""
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "mapmend"
     if sys.platform == "win32":

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmend.kernel_cache import kernel
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -13,7 +14,7 @@ Bool = NDArray[np.bool_]
 TURN = 2.0 * np.pi
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_carried(total: Float, pose: Float, covariance: Float) -> None:
     """``total += A covariance A^T``, A the adjoint of the pose."""
     x, y, c, s = pose[0], pose[1], np.cos(pose[2]), np.sin(pose[2])
@@ -28,7 +29,7 @@ def add_carried(total: Float, pose: Float, covariance: Float) -> None:
         total[k, 2] += carried[k, 2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def relative(a: Float, b: Float) -> tuple[float, float, float]:
     """``a^-1 b`` of two poses; the angle is not wrapped."""
     c, s = np.cos(a[2]), np.sin(a[2])
@@ -36,7 +37,7 @@ def relative(a: Float, b: Float) -> tuple[float, float, float]:
     return c * x + s * y, c * y - s * x, b[2] - a[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def squared_length(error: Float, s: Float) -> float:
     """``error^T s^-1 error``, s symmetric and positive definite; infinite where rounding left it otherwise."""
     p0 = s[0, 0]
@@ -51,7 +52,7 @@ def squared_length(error: Float, s: Float) -> float:
     return error[0] * error[0] / p0 + y1 * y1 / p1 + y2 * y2 / p2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def confirmed(
     chain: Float, spread: Float, ends: Int, measured: Float, covariances: Float, reach: int, bound: float
 ) -> Bool:

@@ -12,11 +12,10 @@ vectorized then (M3500: 1.8 ms against 1.0 ms). The products are those of ``_til
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mapmend.graph._kernel_types import Float, Fronts, Int
 from mapmend.graph._tile_kernels import SHORT, TALL, subtract_short, subtract_tall
-from mapmend.graph.elimination import Fronts
-from mapmend.graph.pose_graph import Float, Int
+from mapmend.kernel_cache import kernel
 
 NOWHERE = np.uint64(2**64 - 1)
 TALL_TILE, SHORT_TILE = np.uint64(TALL), np.uint64(SHORT)
@@ -25,7 +24,7 @@ STRIP, WIDE = np.uint64(96), np.uint64(48)
 ZERO, ONE, TWO, THREE, FOUR, FIVE, SIX, EIGHT, NINE = (np.uint64(k) for k in (0, 1, 2, 3, 4, 5, 6, 8, 9))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def subtract_blocks(target, to, pitch, panel, p, q, step, columns, rows):
     """``target[to + c * pitch + r] -= sum_k panel[p + k * step + r] * panel[q + k * step + c]`` for three columns c.
 
@@ -69,7 +68,7 @@ def subtract_blocks(target, to, pitch, panel, p, q, step, columns, rows):
         target[t2 + r + TWO] -= s22
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def add_blocks(target, to, source, p, in_parent, first, end):
     """Adds a column of an update, three rows a block, to where its blocks are in the parent's front."""
     for a in range(first, end):
@@ -80,7 +79,7 @@ def add_blocks(target, to, source, p, in_parent, first, end):
         p += THREE
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def add_update(work, p, in_parent, first, end, lower, panel, update, own, below):
     """Adds the update of a child, ``work[p:]`` over its rows ``first`` to ``end``, to its parent's panel and update."""
     step, height = THREE * (end - first), own + below
@@ -95,7 +94,7 @@ def add_update(work, p, in_parent, first, end, lower, panel, update, own, below)
         p += THREE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def subtract_square(target, to, size, panel, p, step, columns):
     """A square's lower triangle, ``size`` rows from ``panel[p]`` on times themselves, less from ``target[to]`` on."""
     for strip in range(ZERO, size, STRIP):
@@ -105,7 +104,7 @@ def subtract_square(target, to, size, panel, p, step, columns):
             subtract_blocks(target, to + c * size + r, size, panel, p + r, p + c, step, columns, end - r)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bring_up(lower, panel, k, own, height):
     """Takes the columns before k of a panel from the next ones, as many as are taken together."""
     last = min(k + WIDE, own)
@@ -116,7 +115,7 @@ def bring_up(lower, panel, k, own, height):
             subtract_blocks(lower, panel + c * height + r, height, lower, panel + r, panel + c, height, k, end - r)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def eliminate(values, q, smallest, lower, panel, own, height):
     """Factorizes the panel; how many of its scalar columns had a pivot large enough."""
     k, p, first = ZERO, panel, ZERO
@@ -155,7 +154,7 @@ def eliminate(values, q, smallest, lower, panel, own, height):
     return k
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def factorize(
     values: Float, scale: float, smallest: float, fronts: Fronts, lower: Float, work: Float, begin: int, end: int
 ) -> np.int64:
@@ -198,7 +197,7 @@ def factorize(
     return np.int64(-1)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def solve_lower(firsts, row_starts, rows, panels, lower, b, front):
     """Overwrites ``b`` by the solution of ``L y = b``; ``front`` has room for the part of b in any front."""
     for run in range(np.uint64(firsts.size - 1)):
@@ -228,7 +227,7 @@ def solve_lower(firsts, row_starts, rows, panels, lower, b, front):
             t += THREE
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def solve_upper(firsts, row_starts, rows, panels, lower, b, front):
     """Overwrites ``b`` by the solution of ``L^T x = b``."""
     runs = np.uint64(firsts.size - 1)
@@ -257,7 +256,7 @@ def solve_upper(firsts, row_starts, rows, panels, lower, b, front):
             b[first + k], b[first + k + ONE], b[first + k + TWO] = x0, x1, x2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve(fronts: Fronts, order: Int, lower: Float, right_sides: Float) -> None:
     """Overwrites ``right_sides``, shape (k, size), by the k solutions of ``H x = b``.
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmend.kernel_cache import kernel
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -13,7 +14,7 @@ TURN = 2.0 * np.pi
 # "contract": a product and a sum are rounded once, where the machine can.
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def linearize(
     poses: Float,
     edges: Int,
@@ -122,7 +123,7 @@ def linearize(
     return chi2, ordered
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def move(poses: Float, nodes: Int, step: Float) -> Float:
     """``X * d`` of the ``nodes``, whose motions ``d`` stand in ``step`` one behind the other; the others stay."""
     moved = poses.copy()

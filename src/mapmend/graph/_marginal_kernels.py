@@ -6,14 +6,13 @@ Indices are unsigned for the reason given in ``_factor_kernels``.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mapmend.graph._factor_kernels import NOWHERE, ONE, THREE, TWO, ZERO, subtract_blocks
-from mapmend.graph.elimination import Fronts
-from mapmend.graph.pose_graph import Float
+from mapmend.graph._kernel_types import Float, Fronts
+from mapmend.kernel_cache import kernel
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def extend(front, height, k, lower, p):
     """Continues the inverse in a front, known from row ``k + 3`` on, by three columns; theirs of L begin at ``p``.
 
@@ -58,7 +57,7 @@ def extend(front, height, k, lower, p):
     front[c2], front[c2 + ONE], front[c2 + TWO] = z20, z21, z22
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sparse_inverse(fronts: Fronts, lower: Float, work: Float) -> Float:
     """The panels of ``(L L^T)^-1``, laid out as those of L; ``work`` is as long as the factorization's.
 

@@ -7,13 +7,14 @@ its turn comes.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmend.kernel_cache import kernel
 
 Int = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def adjacency(ends: Int, count: int) -> tuple[Int, Int]:
     """The neighbours of each of ``count`` vertices, once each: ``neighbours[starts[v] : starts[v + 1]]``.
 
@@ -51,7 +52,7 @@ def adjacency(ends: Int, count: int) -> tuple[Int, Int]:
     return starts[: count + 1], repeated[:free]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minimum_degree(starts: Int, neighbours: Int) -> Int:
     """An order of elimination that keeps the factor sparse, shape (count,): the approximate minimum degree.
 
@@ -232,7 +233,7 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
     return order
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def elimination_tree(starts: Int, neighbours: Int, order: Int) -> tuple[Int, Int]:
     """By place: the place of the parent (-1 at a root), and how many blocks the column has in L, the diagonal's too.
 
@@ -266,7 +267,7 @@ def elimination_tree(starts: Int, neighbours: Int, order: Int) -> tuple[Int, Int
     return parents, blocks
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def postorder(order: Int, parents: Int, blocks: Int) -> tuple[Int, Int, Int]:
     """The same three with the places anew: each right behind all that hang on it, the fullest branch last."""
     count = len(parents)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmend.kernel_cache import kernel
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def edge_errors(poses: Float, edges: Int, measurements: Float, information: Float) -> tuple[Float, Float]:
     """``e = measurement^-1 * (X_i^-1 * X_j)`` of every edge, shape (m, 3), and ``e^T Omega e``, shape (m,)."""
     errors = np.empty((len(edges), 3))

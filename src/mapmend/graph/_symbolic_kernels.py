@@ -6,13 +6,14 @@ As in ``_ordering_kernels``, a node's three unknowns count as one, and its *plac
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmend.kernel_cache import kernel
 
 Int = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def supernodes(parents: Int, blocks: Int, narrow: int, zero_share: float) -> tuple[Int, Int]:
     """Runs of places that are eliminated together: the first place of each (and the end), and the parent of each.
 
@@ -46,7 +47,7 @@ def supernodes(parents: Int, blocks: Int, narrow: int, zero_share: float) -> tup
     return firsts[: runs + 1].copy(), above
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_in(starts: Int, neighbours: Int, order: Int, places: Int, firsts: Int, parents: Int) -> tuple[Int, Int, Int]:
     """Below its own columns, the rows that each run has in L, rising: ``rows[row_starts[s] : row_starts[s + 1]]``.
 
@@ -97,7 +98,7 @@ def fill_in(starts: Int, neighbours: Int, order: Int, places: Int, firsts: Int, 
     return row_starts, rows, in_parent
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def block_layout(ends: Int, places: Int, firsts: Int, row_starts: Int, rows: Int) -> tuple[Int, Int, Int]:
     """Where H's blocks below the diagonal stand: column after column, each with its block row in the run's front.
 
@@ -145,7 +146,7 @@ def block_layout(ends: Int, places: Int, firsts: Int, row_starts: Int, rows: Int
     return block_of_edge, starts[: count + 1], block_rows[:free].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def storage(firsts: Int, parents: Int, row_starts: Int, subtrees: Int) -> tuple[Int, Int, Int, Int]:
     """Where the panel of each run begins in L, and its update in the workspace, each with the end: shape (runs + 1,).
 

@@ -6,14 +6,11 @@ Made from the edges alone, node by node and not unknown by unknown, which is a t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmend.graph._kernel_types import Fronts
 from mapmend.graph.pose_graph import Float, Int
-
-Unsigned = NDArray[np.uint64]
 
 # Runs of at most so many nodes are made of whatever is next to each other, wider ones while at most that share of
 # their blocks are zeros.
@@ -21,28 +18,6 @@ NARROW, ZERO_SHARE = 3, 0.1
 # A factorization of fewer multiply-adds, a millisecond's work, is over before a second thread has begun; and the tree
 # is cut into at most so many subtrees, and so many times: a tree without branches gives nothing to cut.
 WORTH_THREADS, MOST_SUBTREES, MOST_CUTS = 2e7, 64, 10_000
-
-
-class Fronts(NamedTuple):
-    """The runs of places that are eliminated together; unsigned whole numbers, -1 turned into the largest.
-
-    ``firsts``: the first place of each run, and the end. ``first_child``, ``next_child``: the tree of the runs.
-    The block rows below run s are the places ``rows[row_starts[s] : row_starts[s + 1]]``, rising; in the front of the
-    parent they are the block rows ``in_parent``. ``panel_starts``, ``update_starts``: where the numbers of each stand
-    in L and in the workspace, and the end. H holds the diagonal blocks by place, then the blocks below them: column by
-    column from ``block_starts``, at the block rows ``block_rows`` of the column's front. A block stands by columns.
-    """
-
-    firsts: Unsigned
-    first_child: Unsigned
-    next_child: Unsigned
-    row_starts: Unsigned
-    rows: Unsigned
-    in_parent: Unsigned
-    panel_starts: Unsigned
-    update_starts: Unsigned
-    block_starts: Unsigned
-    block_rows: Unsigned
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from mapmend.kernel_cache import kernel
 
 TILE_BITS = 5
 TILE = 1 << TILE_BITS
@@ -40,7 +41,7 @@ CLEARANCE = 1.5
 MOST_EVIDENCE = 100
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def project_scan(ranges, cosines, sines, limits, mounting, points):
     """Returns of one scan as points with normals in the robot's frame: rows (x, y, normal x, normal y, thin).
 
@@ -85,7 +86,7 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _is_thin(ranges, k, gap, away):
     """Whether beam k hits one of a few neighbouring points with nothing near them on either side but what lies behind.
 
@@ -102,7 +103,7 @@ def _is_thin(ranges, k, gap, away):
     return width <= MOST_THIN_BEAMS * away
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cell_at(table, frame, row, column):
     """The number of a cell, or -1 where no tile is."""
     row -= frame[1] * TILE
@@ -118,7 +119,7 @@ def cell_at(table, frame, row, column):
     return tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _claim(table, frame, row, column):
     """The number of a cell, its tile taken into use where it was not; -1 outside the table."""
     row -= frame[1] * TILE
@@ -136,7 +137,7 @@ def _claim(table, frame, row, column):
     return tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _announce(table, frame, surface, nearest, cell, row, column, size):
     """A cell became occupied: it is the nearest of those around it whose nearest is farther."""
     mx, my = surface[cell, 0], surface[cell, 1]
@@ -154,7 +155,7 @@ def _announce(table, frame, surface, nearest, cell, row, column, size):
             nearest[other] = cell
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _withdraw(table, frame, arrays, cell, row, column, size):
     """A cell became free: those around it that pointed at it look for the next nearest."""
     surface, returns, _, nearest = arrays
@@ -177,7 +178,7 @@ def _withdraw(table, frame, arrays, cell, row, column, size):
             nearest[other] = best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
     """One piece of evidence for free in every cell from (x0, y0) to (x1, y1); ``freed`` takes the cells that became so.
 
@@ -214,7 +215,7 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def clear_share(dx, dy, nx, ny, size):
     """The share of a beam (dx, dy) to a surface with that normal that says where nothing is; none of it below 0.
 
@@ -225,7 +226,7 @@ def clear_share(dx, dy, nx, ny, size):
     return 1.0 - CLEARANCE * size / (max(steepness, 0.1) * length + 1e-9)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def average(surface, returns, cell, x, y, nx, ny):
     """One more return in a cell that has some."""
     if returns[cell] < MEAN_MEMORY:
@@ -246,7 +247,7 @@ def average(surface, returns, cell, x, y, nx, ny):
     surface[cell, 4] += share * (seen_from - surface[cell, 4])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_room(table, frame, tiles, points, origin, pose, size, box):
     """Whether the table covers a scan's points and its laser, and tiles enough are left for them.
 
@@ -271,7 +272,7 @@ def find_room(table, frame, tiles, points, origin, pose, size, box):
     return frame[0] + (box[2] - box[0] + 1) * (box[3] - box[1] + 1) <= tiles
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def insert_points(table, frame, arrays, points, origin, pose, settings):
     """One scan's points (robot frame) into the grid at ``pose`` (grid frame, metres from the corner).
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from numba import njit
+from mapmend.kernel_cache import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_beams(scans, directions, lasers, frame, first_row, counts):
     """Adds what every beam says about the rows of a map from ``first_row`` on.
 

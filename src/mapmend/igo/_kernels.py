@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from mapmend.grid._kernels import cell_at
+from mapmend.kernel_cache import kernel
 from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER_SIDE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fit_of(table, frame, arrays, point, pose, settings):
     """How well a point fits at a pose: 1 on a surface, falling to 0 at the reach (Tukey's biweight).
 
@@ -39,7 +38,7 @@ def _fit_of(table, frame, arrays, point, pose, settings):
     return (1.0 - away) ** 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def compare_fits(table, frame, arrays, points, first, second, settings, result):
     """By how much better points (n, 5) fit a grid at the ``first`` pose (3,) than at the ``second``, in the mean.
 
@@ -60,7 +59,7 @@ def compare_fits(table, frame, arrays, points, first, second, settings, result):
     result[2] = fits / n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def shared_normals(table, frame, arrays, points, pose, axis, settings, result):
     """How far scan and grid agree on surfaces that hold a pose along an axis, of whose noise they share nothing.
 

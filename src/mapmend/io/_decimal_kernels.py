@@ -8,8 +8,9 @@ to tell which way ``float`` would round, or anything is not of this kind, the wo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmend.kernel_cache import kernel
 
 MOST_DIGITS = np.uint64(10**18 - 1)  # after which one more still fits
 POWERS = np.array([float(10**k) for k in range(23)])
@@ -17,7 +18,7 @@ SPLITTER = float(2**27 + 1)
 NEAR_TIE = 1e-9  # of the last place; what the double precision leaves out is 1e-15 of it
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def product(a: float, b: float) -> tuple[float, float]:
     """``a * b`` rounded, and what the rounding left out."""
     high = a * b
@@ -30,7 +31,7 @@ def product(a: float, b: float) -> tuple[float, float]:
     return high, ((a1 * b1 - high) + a1 * b2 + a2 * b1) + a2 * b2
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def scaled(digits: np.uint64, exponent: int) -> tuple[float, bool]:
     """``digits * 10**exponent``, and whether it is certain to be rounded as it should."""
     high = np.float64(digits)
@@ -51,7 +52,7 @@ def scaled(digits: np.uint64, exponent: int) -> tuple[float, bool]:
     return value, abs(off - 0.5) > NEAR_TIE and abs(off - 0.25) > NEAR_TIE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def parse(
     buffer: NDArray[np.uint8],
     starts: NDArray[np.int64],

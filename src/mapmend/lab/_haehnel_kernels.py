@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from mapmend.kernel_cache import kernel
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def draw_grid(reaches, rays, ends, cell_m, half, grid):
     """Draws one scan into ``grid``, (2 half, 2 half), the laser at the corner between its four middle cells.
 
@@ -31,7 +32,7 @@ def draw_grid(reaches, rays, ends, cell_m, half, grid):
             grid[row, column] = OCCUPIED
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_over_grids(pairs, polygons, points, lasers, beams, grid_size, counts):
     """For pairs (k, 2), sorted by the first scan: how many end points of the second lie on cells that the first one's
     grid calls free, and how many on cells it calls occupied: ``counts`` (k, 2). ``grid_size`` = (cell m, half width).

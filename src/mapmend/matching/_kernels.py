@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mapmend.grid._kernels import cell_at
+from mapmend.kernel_cache import kernel
 
 # A mean normal at least this long (squared) belongs to one flat surface; shorter ones to corners and clutter.
 COHERENT = 0.6
@@ -20,13 +20,13 @@ OTHER_SIDE = -0.3
 ONE_SIDED = 0.8
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def wrap(angle):
     """The angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def match_points(table, frame, arrays, points, start, prior, settings, result):
     """Gauss-Newton of one scan's points on the surfaces of a grid, from the pose ``start``.
 
@@ -135,7 +135,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
     result[10], result[11], result[12] = hyy, hyt, htt
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def score_points(table, frame, arrays, points, pose, settings, result):
     """How points look in a grid at a pose: written are the numbers matched, contradicted, and never seen.
 
@@ -172,7 +172,7 @@ def score_points(table, frame, arrays, points, pose, settings, result):
     result[0], result[1], result[2] = matched, contradicted, unseen
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sum_at(level, shift, columns, rows, dx, dy):
     """The sum of a level's bounds under the points moved by (dx, dy) finest cells."""
     total = 0
@@ -184,7 +184,7 @@ def _sum_at(level, shift, columns, rows, dx, dy):
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def search_poses(levels, points, centre, thetas, offsets, settings, best):
     """The best-scoring pose of all whole-cell offsets and angles, exactly, by branch and bound from coarse to fine.
 

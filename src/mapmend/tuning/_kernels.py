@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from mapmend.kernel_cache import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def place_circles(lasers, circles, centres):
     """The circles' middles in each map: ``centres`` (f, n, 2)."""
     for f in range(lasers.shape[0]):
@@ -21,7 +21,7 @@ def place_circles(lasers, circles, centres):
             centres[f, i, 1] = lasers[f, i, 1] + s * circles[i, 0] + c * circles[i, 1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sampled_pairs(first, stride, centres, circles, found):
     """How many pairs (i, j), i < j, of every ``stride``-th are such that their circles meet in any of the maps.
 
@@ -48,7 +48,7 @@ def sampled_pairs(first, stride, centres, circles, found):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def change_bounds(pairs, lasers, sums, kept, now, bounds):
     """By how much, at most, M_ij of each pair (k, 2) differs from what it was at ``kept``: ``bounds`` (k,), metres.
 
