@@ -97,7 +97,6 @@ def test_fix_names_several_vertices():
 TWO = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n"
 BAD_GRAPHS = {
     "duplicate vertex": (TWO + "VERTEX_SE2 0 2 0 0\n", 3),
-    "edge to a missing vertex": (TWO + "EDGE_SE2 0 2 1 0 0 1 0 0 1 0 1\n", 3),
     "edge to itself": (TWO + "EDGE_SE2 1 1 1 0 0 1 0 0 1 0 1\n", 3),
     "not positive definite": (TWO + "EDGE_SE2 0 1 1 0 0 1 0 0 -1 0 1\n", 3),
     "singular": (TWO + "EDGE_SE2 0 1 1 0 0 1 0 0 0 0 1\n", 3),
@@ -129,8 +128,8 @@ def test_bad_graph_is_refused_with_its_line(name):
     assert caught.value.mend
 
 
-@pytest.mark.parametrize("text", ["", "\n", "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n", "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n"])
-def test_file_without_vertices_is_refused(text):
+@pytest.mark.parametrize("text", ["", "\n", "FIX 0\n", "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n"])
+def test_file_without_vertices_and_edges_is_refused(text):
     with pytest.raises(InputError):
         read(text)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mapmend.commands.console import ProgressBar, print_json, say, table, thread_count, told_compiling
+from mapmend.commands.console import ProgressBar, print_json, say, say_notes, table, thread_count, told_compiling
 from mapmend.config import Config, read_toml
 from mapmend.consistency.check import CheckResult, check
 from mapmend.datasets.cache import named_file
@@ -35,6 +35,7 @@ def run(options: Namespace) -> int:
             result = check(graph, config, threads=thread_count(options.threads), progress=progress)
     except MapmendError as error:
         raise InputError(options.graph, str(error), "name a graph whose nodes carry their scans") from error
+    say_notes(graph.notes)
     for note in result.notes:
         say(f"note: {note}")
     write_whole(picture, _picture(graph, result, options.graph))
@@ -88,7 +89,7 @@ def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
             for region in result.regions
         ],
         "inconsistent_scans": graph.ids[result.scans.failed].tolist(),
-        "notes": list(result.notes),
+        "notes": [*map(str, graph.notes), *result.notes],
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from mapmend.commands.console import bag_options, print_json
+from mapmend.commands.console import bag_options, print_json, say_notes
 from mapmend.datasets.cache import named_file
 from mapmend.io.convert import convert
 
@@ -19,6 +19,7 @@ def run(options: Namespace) -> int:
         stamps=named_file(options.stamps) if options.stamps else None,
         lenient=options.lenient,
     )
+    say_notes(done.notes)
     if options.json:
         page = {"from": options.source, "to": options.target, "kind": done.kind, "format": done.format}
         print_json({**page, "count": done.count, "lost": list(done.lost)})

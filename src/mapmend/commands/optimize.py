@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mapmend.commands.console import ProgressBar, print_json, table, thread_count, told_compiling
+from mapmend.commands.console import ProgressBar, print_json, say_notes, table, thread_count, told_compiling
 from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
 from mapmend.graph.optimizer import OptimizationResult, edge_chi2, optimize
@@ -57,6 +57,7 @@ def run(options: Namespace) -> int:
     began = time.perf_counter()
     WRITERS[SUFFIXES.get(Path(options.output).suffix, written_as)](options.output, optimized)
     seconds["write"] = time.perf_counter() - began
+    say_notes(graph.notes)
     values = _values(options, kernel, optimized, result, given_chi2) | {"seconds": seconds}
     if options.json:
         print_json(values)
@@ -70,7 +71,7 @@ def read_graph(path: Path) -> tuple[PoseGraph, str]:
     data = read_bytes(path)
     if recognise(data, path) != "graph":
         raise InputError(path, "holds no pose graph", "name a g2o or TORO graph")
-    written_as = "toro" if b"VERTEX2 " in data else "g2o"
+    written_as = "toro" if b"VERTEX2 " in data or b"EDGE2 " in data else "g2o"
     return parse_graph(data, path), written_as
 
 

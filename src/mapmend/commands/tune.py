@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mapmend.commands.check import load_graph
-from mapmend.commands.console import ProgressBar, print_json, say, table, thread_count, told_compiling
+from mapmend.commands.console import ProgressBar, print_json, say, say_notes, table, thread_count, told_compiling
 from mapmend.config import Config, read_toml
 from mapmend.errors import InputError, MapmendError, OutputError
 from mapmend.graph.optimizer import edge_chi2
@@ -58,6 +58,7 @@ def run(options: Namespace) -> int:
             options.graph, str(error), "name a graph with scans and loops, or try another --init"
         ) from error
     seconds |= {"tune": time.perf_counter() - began, "compile": compiling.seconds}
+    say_notes(graph.notes)
     for note in result.notes:
         say(f"note: {note}")
     began = time.perf_counter()
@@ -130,7 +131,7 @@ def report(options: Namespace, result: TuneResult, places: Places | None) -> dic
             )
         ],
         "contradicting": int(np.count_nonzero(chi2[result.switched_off] > TRUE_EDGE_CHI2)),
-        "notes": list(result.notes),
+        "notes": [*map(str, graph.notes), *result.notes],
     }
 
 

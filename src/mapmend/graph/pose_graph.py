@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.errors import MapmendError
-from mapmend.scan import Scans
+from mapmend.scan import Note, Scans
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -22,6 +22,7 @@ class PoseGraph:
     ``edges``: int64, shape (m, 2). ``measurements``: shape (m, 3). ``information``: shape (m, 3, 3), symmetric positive
     definite, in the frame of the measured pose (g2o's convention: the error is ``measurement^-1 * T_i_j``).
     ``is_loop``: bool, shape (m,). ``scans`` has n rows, a node without a scan an empty one. ``stamps_s``: shape (n,).
+    ``notes`` say what was odd about the file that the graph comes from.
     """
 
     poses: Float
@@ -33,6 +34,7 @@ class PoseGraph:
     scans: Scans | None = None
     stamps_s: Float | None = None
     fixed: tuple[int, ...] = (0,)
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         n, m = len(self.poses), len(self.edges)

@@ -6,14 +6,13 @@ translations follow from them by a linear system. The chordal start takes the ro
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.checks import check_numbers
 from mapmend.graph.pose_graph import Float, PoseGraph
+from mapmend.graph.spanning_tree import best_first, poses_along_tree
 from mapmend.graph.system import System
 
 STARTS = ("given", "odometry", "tree", "chordal")
@@ -80,34 +79,10 @@ def along_tree(graph: PoseGraph) -> Float:
 
     Among edges that are equally good, odometry goes before loops, then what comes first in the graph.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-
-    count, ends = len(graph), graph.edges.copy()
-    ends[np.isin(ends, graph.fixed)] = count  # all fixed nodes are one root
-    best = np.lexsort((graph.is_loop, -np.linalg.slogdet(graph.information)[1]))
-    pairs = ends.min(axis=1) * (count + 1) + ends.max(axis=1)
-    _, first = np.unique(pairs[best], return_index=True)
-    ranks, chosen = first + 1.0, best[first]
-    apart = ends[chosen, 0] != ends[chosen, 1]
-    ranks, chosen = ranks[apart], chosen[apart]
-    links = coo_array((ranks, ends[chosen].T), shape=(count + 1, count + 1))
-    tree = minimum_spanning_tree(links)
-    order, parents = breadth_first_order(tree, count, directed=False)
-    edge_of = dict(zip(pairs[chosen].tolist(), chosen.tolist(), strict=True))
-    poses = graph.poses.tolist()
-    inverses = se2.inverse(graph.measurements).tolist()
-    measurements, edges = graph.measurements.tolist(), graph.edges.tolist()
-    for node, parent in zip(order[1:].tolist(), parents[order[1:]].tolist(), strict=True):
-        edge = edge_of[min(node, parent) * (count + 1) + max(node, parent)]
-        i, j = edges[edge]
-        near, step = (i, measurements[edge]) if j == node else (j, inverses[edge])
-        x, y, angle = poses[near]
-        cos, sin = math.cos(angle), math.sin(angle)
-        poses[node] = [x + cos * step[0] - sin * step[1], y + sin * step[0] + cos * step[1], angle + step[2]]
-    found = np.array(poses).reshape(count, 3)
-    found[order[1:], 2] = se2.wrap_angle(found[order[1:], 2])
-    return found
+    known = np.zeros(len(graph), np.bool_)
+    known[list(graph.fixed)] = True
+    preference = best_first(graph.information, graph.is_loop)
+    return poses_along_tree(graph.poses, known, graph.edges, graph.measurements, preference)
 
 
 def chordal(graph: PoseGraph, system: System) -> Float:

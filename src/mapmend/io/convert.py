@@ -20,7 +20,7 @@ from mapmend.io.kitti import COLUMNS, read_kitti, write_kitti
 from mapmend.io.reader import read, read_run
 from mapmend.io.toro import write_toro
 from mapmend.io.tum import write_tum
-from mapmend.scan import ScanLog
+from mapmend.scan import Note, ScanLog
 from mapmend.trajectory import Trajectory
 
 FORMATS = ("carmen", "mcap", "sqlite3", "g2o", "toro", "tum", "kitti")
@@ -44,12 +44,16 @@ Convertible = ScanLog | PoseGraph | Trajectory | Path2D
 
 @dataclass(frozen=True)
 class Converted:
-    """What was read and written: ``count`` scans, nodes or poses; ``lost`` says what the new file has no place for."""
+    """What was read and written: ``count`` scans, nodes or poses; ``lost`` says what the new file has no place for.
+
+    ``notes`` say what was odd about a graph that was read.
+    """
 
     kind: str
     format: str
     count: int
     lost: tuple[str, ...]
+    notes: tuple[Note, ...] = ()
 
 
 def format_of(path: str | Path) -> str:
@@ -96,7 +100,8 @@ def convert(
         count, losses = _write_path(content, form, source, target)
     if bag_kind(source) is not None and form in _LOGS:
         losses.append("other topics of the bag, intensities and the time within a sweep")
-    return Converted(kind, form, count, tuple(losses))
+    notes = content.notes if isinstance(content, PoseGraph) else ()
+    return Converted(kind, form, count, tuple(losses), notes)
 
 
 _LOG_WRITERS: dict[str, Callable[[str | Path, ScanLog], None]] = {

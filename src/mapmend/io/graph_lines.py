@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +10,14 @@ import numpy as np
 from mapmend.errors import InputError
 from mapmend.graph.checks import positive_definite
 from mapmend.graph.pose_graph import PoseGraph
+from mapmend.graph.spanning_tree import poses_along_edges
 from mapmend.io._decimals import Bool, Float, Int, Tokens, parse, tokenize, tokenize_text
 from mapmend.io.laser_lines import FARTHEST_M, ROBOTLASER, LaserRows, concatenate, explain, parse_laser_lines
 from mapmend.io.laser_scans import EXACT_MARK, Channel, build_scans, constant_mounting, exact_angles
-from mapmend.scan import LaserGeometry, Scans
+from mapmend.scan import LaserGeometry, Note, Scans
 
 MEND = "repair the line"
+MOST_NAMED = 3  # nodes in a note
 SEQUENTIAL_MARK, LOOP_MARK = b"#SEQUENTIAL EDGES", b"#LOOP EDGES"
 # Which edges, counted from 0, are loops though their ids do not say so, or the other way round.
 OTHERWISE_MARK = b"# mapmend: edges that are loops or odometry against their ids: "
@@ -64,22 +66,40 @@ def parse_graph(data: bytes, path: str | Path) -> PoseGraph:
     if not data or data.isspace():
         raise InputError(path, "the file is empty", "name a pose graph")
     content = _vertices_and_edges(data) or _sort_lines(data, path)
-    if not content.vertices.numbers:
-        raise InputError(path, "no 2D vertices (VERTEX_SE2 or VERTEX2 lines)", "name a 2D pose graph")
-    vertices = _fields(content.vertices, _VERTEX_FIELDS, path)
-    ids = _whole(vertices[:, 0], content.vertices, path)
-    finder = _Finder(ids, content.vertices, path)
-    edges, measurements, information = _edges(content, finder, path)
+    if not content.vertices.numbers and not content.edges.numbers:
+        what = "no 2D vertices or edges (VERTEX_SE2 or VERTEX2, EDGE_SE2 or EDGE2 lines)"
+        raise InputError(path, what, "name a 2D pose graph")
+    vertices = np.zeros((0, len(_VERTEX_FIELDS)))
+    if content.vertices.numbers:
+        vertices = _fields(content.vertices, _VERTEX_FIELDS, path)
+    given = _whole(vertices[:, 0], content.vertices, path)
+    _refuse_twice(given, content.vertices, path)
+    named, measurements, information = _edges(content, path)
+    ids, row_of_vertex, edges = _nodes(given, named)
     is_loop = loops_by_ids(ids, edges)
     if content.exact and content.sections:
         is_loop = np.array(content.in_loop_section, np.bool_)
     otherwise = _otherwise(content, len(edges), path)
     is_loop[otherwise] = ~is_loop[otherwise]
-    scans, stamps = _scans(content, len(ids), path)
+    scans, stamps = _scans(content, row_of_vertex, len(ids), path)
     fixed: tuple[int, ...] = (0,)
     if content.fixes.texts:
-        fixed = tuple(sorted(set(_fixed(content, finder, path))))
-    return PoseGraph(vertices[:, 1:].copy(), ids, edges, measurements, information, is_loop, scans, stamps, fixed)
+        fixed = tuple(sorted(set(_fixed(content, ids, path))))
+    graph = PoseGraph(np.zeros((len(ids), 3)), ids, edges, measurements, information, is_loop, scans, stamps, fixed)
+    graph.poses[row_of_vertex] = vertices[:, 1:]
+    return graph if len(given) == len(ids) else _laid(graph, row_of_vertex)
+
+
+def _laid(graph: PoseGraph, given: Int) -> PoseGraph:
+    """The graph with the nodes laid along its edges that have no pose; ``given``: the rows of those that have one."""
+    laid = np.ones(len(graph), np.bool_)
+    laid[given] = False
+    poses = poses_along_edges(graph, ~laid)
+    some = ", ".join(str(name) for name in graph.ids[laid][:MOST_NAMED])
+    more = " ..." if np.count_nonzero(laid) > MOST_NAMED else ""
+    which = f"{np.count_nonzero(laid)} of {len(graph)} nodes ({some}{more})" if len(given) else "the nodes"
+    note = Note(f"the file gives no poses of {which}: they were laid along the edges")
+    return replace(graph, poses=poses, notes=(note,))
 
 
 def _vertices_and_edges(data: bytes) -> _Content | None:
@@ -188,39 +208,50 @@ def _whole(values: Float, lines: _Lines, path: str | Path) -> Int:
     return values.astype(np.int64)
 
 
-class _Finder:
-    """Rows of vertices by their ids."""
-
-    def __init__(self, ids: Int, lines: _Lines, path: str | Path) -> None:
-        self.path = path
-        self.order = np.argsort(ids, kind="stable")
-        self.sorted = ids[self.order]
-        again = np.flatnonzero(np.diff(self.sorted) == 0)
-        if len(again):
-            row = int(self.order[again + 1].min())
-            first = lines.numbers[int(np.argmax(ids == ids[row]))]
-            raise InputError(path, f"vertex {ids[row]} stands already in line {first}", MEND, lines.numbers[row])
-
-    def rows(self, ids: Int, lines: _Lines) -> Int:
-        """The rows of the named vertices; raises InputError for one that is not in the file."""
-        position = np.minimum(np.searchsorted(self.sorted, ids), len(self.sorted) - 1)
-        missing = self.sorted[position] != ids
-        if missing.any():
-            k = int(np.argmax(missing))
-            mend = "add the vertex or remove the line"
-            raise InputError(self.path, f"vertex {ids[k]} is not in the file", mend, lines.numbers[k])
-        return self.order[position]
+def _refuse_twice(ids: Int, lines: _Lines, path: str | Path) -> None:
+    """Raises InputError where two vertices have the same id."""
+    order = np.argsort(ids, kind="stable")
+    again = np.flatnonzero(np.diff(ids[order]) == 0)
+    if len(again):
+        row = int(order[again + 1].min())
+        first = lines.numbers[int(np.argmax(ids == ids[row]))]
+        raise InputError(path, f"vertex {ids[row]} stands already in line {first}", MEND, lines.numbers[row])
 
 
-def _edges(content: _Content, finder: _Finder, path: str | Path) -> tuple[Int, Float, Float]:
-    """Rows joined, measurements and information matrices."""
+def _rows_of(ids: Int, wanted: Int) -> Int:
+    """The rows in ``ids`` at which the wanted ids stand, of the shape of ``wanted``; -1 for one that is not there."""
+    if not len(ids):
+        return np.full(wanted.shape, -1, np.int64)
+    order = np.argsort(ids, kind="stable")
+    place = np.minimum(np.searchsorted(ids[order], wanted), len(ids) - 1)
+    rows = order[place]
+    return np.where(ids[rows] == wanted, rows, -1)
+
+
+def _nodes(given: Int, named: Int) -> tuple[Int, Int, Int]:
+    """The ids of all nodes, the row of each vertex of the file among them, and the edges by rows.
+
+    A node without a vertex is one that only edges name. Where the vertices stand by their ids, such a node stands
+    among them by its own; else such nodes follow the vertices.
+    """
+    edges = _rows_of(given, named)
+    if (edges >= 0).all():
+        return given, np.arange(len(given)), edges
+    others = np.unique(named[edges < 0])
+    ids = np.concatenate((given, others))
+    if (np.diff(given) > 0).all():
+        ids = np.sort(ids)
+    return ids, _rows_of(ids, given), _rows_of(ids, named)
+
+
+def _edges(content: _Content, path: str | Path) -> tuple[Int, Float, Float]:
+    """The ids joined, shape (m, 2), measurements and information matrices."""
     lines = content.edges
     if not lines.numbers:
         return np.zeros((0, 2), np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
     values = _fields(lines, _EDGE_FIELDS, path)
     named = np.column_stack([_whole(values[:, k], lines, path) for k in (0, 1)])
-    edges: Int = np.column_stack([finder.rows(named[:, k], lines) for k in (0, 1)])
-    itself = edges[:, 0] == edges[:, 1]
+    itself = named[:, 0] == named[:, 1]
     if itself.any():
         k = int(np.argmax(itself))
         raise InputError(path, f"an edge from vertex {named[k, 0]} to itself", "remove the line", lines.numbers[k])
@@ -231,7 +262,7 @@ def _edges(content: _Content, finder: _Finder, path: str | Path) -> tuple[Int, F
     if bad.any():
         what = "the information matrix is not positive definite"
         raise InputError(path, what, "check its order and its entries", lines.numbers[int(np.argmax(bad))])
-    return edges, values[:, 2:5].copy(), information
+    return named, values[:, 2:5].copy(), information
 
 
 def loops_by_ids(ids: Int, edges: Int) -> Bool:
@@ -259,7 +290,7 @@ def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
     return rows.astype(np.int64)
 
 
-def _fixed(content: _Content, finder: _Finder, path: str | Path) -> list[int]:
+def _fixed(content: _Content, ids: Int, path: str | Path) -> list[int]:
     """Rows of the vertices that FIX lines name, of which there may be several in a line."""
     named = _Lines()
     for text, number in zip(content.fixes.texts, content.fixes.numbers, strict=True):
@@ -268,14 +299,20 @@ def _fixed(content: _Content, finder: _Finder, path: str | Path) -> list[int]:
     if not named.texts:
         raise InputError(path, "FIX names no vertex", MEND, content.fixes.numbers[0])
     values = _fields(named, ("id",), path)
-    return [int(row) for row in finder.rows(_whole(values[:, 0], named, path), named)]
+    wanted = _whole(values[:, 0], named, path)
+    rows = _rows_of(ids, wanted)
+    if (rows < 0).any():
+        k = int(np.argmax(rows < 0))
+        what = f"FIX names vertex {wanted[k]}, which is not in the file"
+        raise InputError(path, what, "add the vertex or remove the line", named.numbers[k])
+    return [int(row) for row in rows]
 
 
-def _scans(content: _Content, nodes: int, path: str | Path) -> tuple[Scans | None, Float | None]:
+def _scans(content: _Content, row_of_vertex: Int, nodes: int, path: str | Path) -> tuple[Scans | None, Float | None]:
     """A scan and a stamp a node: empty and nan where the file has none, None where it has none at all."""
     if not content.lasers.texts:
         return None, None
-    owner = np.array(content.laser_vertex)
+    owner = row_of_vertex[np.array(content.laser_vertex)]
     twice = np.flatnonzero(np.diff(owner) == 0)
     if len(twice):
         line = content.lasers.numbers[int(twice[0]) + 1]

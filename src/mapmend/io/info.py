@@ -60,7 +60,7 @@ def describe(path: str | Path, lenient: bool = False, bag: BagOptions | None = N
     if Path(path).is_dir() and (Path(path) / "run.json").is_file():
         trajectory, graph = read_run(path)
         facts = {"trajectory": _trajectory_facts(trajectory), "graph": None if graph is None else _graph_facts(graph)}
-        return FileInfo(str(path), "run", facts)
+        return FileInfo(str(path), "run", facts, () if graph is None else tuple(map(str, graph.notes)))
     return describe_content(read(path, lenient, bag), path)
 
 
@@ -134,7 +134,7 @@ def _graph_facts(graph: PoseGraph) -> dict[str, Any]:
 
 
 def _graph_notes(graph: PoseGraph) -> tuple[str, ...]:
-    notes = []
+    notes = [str(note) for note in graph.notes]
     if components(graph) > 1:
         notes.append("the graph falls into parts that no edge joins")
     pairs = np.unique(np.sort(graph.edges, axis=1), axis=0)
