@@ -8,7 +8,7 @@ from typing import Any
 from _papers_results import Results, in_order, median
 
 REPRODUCED, SURPASSED, NOT_REACHED, UNKNOWN = "reproduced", "surpassed", "not reached", "not measured"
-IN_PICTURES = "shown in pictures, no number"
+IN_PICTURES = "pictures, no number"
 PAPER_SECONDS = {"intel": (1311, 133.7, 13.4), "fr079": (833, 118.4, 29.5), "killian": (5489, 56.0, 42.0)}
 """MC Table I: N, R and seconds of the logs that we have too, at other numbers of scans."""
 
@@ -132,7 +132,7 @@ def _dynamics(results: Results) -> Claim:
     if not answer:
         return Claim("MC VI-A, Fig. 5", text, theirs, "-", UNKNOWN)
     failed, scans = answer["scans_inconsistent"], answer["scans"]
-    ours = f"{failed} of {scans:,} scans, on another graph of that log whose map shows one corridor twice"
+    ours = f"{failed} of {scans:,} scans, on another graph of that log, whose map shows one corridor twice"
     reached = failed / scans <= 0.01
     verdict = REPRODUCED if reached else f"{NOT_REACHED}: {100 * failed / scans:.1f} % of the scans"
     return Claim("MC VI-A, Fig. 5", text, theirs, ours, verdict)

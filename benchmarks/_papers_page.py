@@ -52,27 +52,27 @@ def write_page(folder: Path, page: Path) -> None:
 
 
 EXPERIMENT_1 = """
-The paper's log, USC SAL, is not among our data: intel takes its place, with stretches in which most of the reported
-motion did not happen, and every method's motion model widened to the paper's 1.6 and 0.8. The paper shows maps and
-paths, and no number.
+The paper's log, USC SAL, is not among our data. intel takes its place, with stretches in which most of the reported
+motion did not happen. The motion model of every method is widened to the paper's 1.6 and 0.8. The paper shows maps and
+paths, without numbers.
 
 ![Maps](images/results-slip-maps.png)
 ![Paths](images/results-slip-paths.png)
 """
 EXPERIMENT_2 = """
-The paper's office of 17 m x 22 m, simulated. The paper shows maps and paths, and no number.
+The paper's office of 17 m x 22 m, simulated. The paper shows maps and paths, without numbers.
 
 ![Maps](images/results-corridor-maps.png)
 ![Paths](images/results-corridor-paths.png)
 """
 FIGURE_1 = """
-Belgioioso castle with one wing rotated, and where `check` sees it.
+Belgioioso castle with one wing rotated, and the regions that `check` marks.
 
 ![Belgioioso](images/results-belgioioso.png)
 """
 FIGURE_3 = """
-The paper's 53 labelled maps of 16 logs are not to be had; ours are simulated and real ones, half of them corrupted in
-six ways. The paper gives a picture: ours near (1, 1), Haehnel's below it everywhere.
+The paper's 53 labelled maps of 16 logs are not available. Ours are simulated and real ones, half of them corrupted in
+six ways. The paper shows a picture, in which its test is near (1, 1) and Haehnel's below it everywhere.
 """
 FIGURE_4 = """
 Intel and fr079 with false loops, from odometry and from a corrupted guess. The picture is intel with 50 local false
@@ -84,8 +84,9 @@ FIGURE_5 = """
 ![Killian Court](images/results-killian.png)
 """
 TABLE_1 = """
-The paper: i7-3770K of 2012, 8 threads. Here: 2 threads of a younger processor, which has its part in the factor, and
-other graphs of the same logs, so that seconds are compared by the pair. N scans, R that each overlaps with, K beams.
+The paper: i7-3770K of 2012, 8 threads. Here: 2 threads of a newer processor, which explains a part of the factor. The
+graphs are other ones of the same logs, so seconds are compared for each pair. N: scans; R: scans that each overlaps with;
+K: beams.
 """
 
 
@@ -93,8 +94,8 @@ def _head() -> str:
     return """# Results: both papers, claim by claim
 
 IGO is Zhang, Liu and Hou, "An Iterative Graph Optimization Approach for 2D SLAM"; MC is Mazuran et al., "A Statistical
-Measure for Map Consistency in SLAM", ICRA 2014. This page is written by `python benchmarks/papers.py`: tables and
-pictures are those of its last run, with defaults throughout unless said. Figures of the papers are theirs."""
+Measure for Map Consistency in SLAM", ICRA 2014. `python benchmarks/papers.py` writes this page: tables and pictures
+are those of its last run, with defaults except where the text says otherwise. The column "the paper" is as published."""
 
 
 def _claims_table(rows: Sequence[Claim]) -> str:
@@ -134,8 +135,8 @@ def _comparison(name: str, results: Results, shown: set[str]) -> str:
 
 
 def _missing() -> str:
-    return """## What can't be made here
-- IGO's own logs (USC SAL, Lenovo B2): not public, or not among our data. Ours stand in for them, as said above.
+    return """## What cannot be reproduced here
+- IGO's own logs (USC SAL, Lenovo B2): not public, or not among our data. Ours replace them, as described above.
 - MC Figure 6 and the Bicocca column of Figure 4: the multi-session graph's scans are not among our data.
 - MC's 16 logs, of which we have intel, fr079, killian, Belgioioso and Edmonton."""
 
