@@ -51,6 +51,15 @@ def test_functions_and_tests_named_for_the_papers_exist():
     assert [(file.name, name) for file, name in missing] == []
 
 
+def test_each_decision_has_its_number_and_is_in_the_index():
+    folder = ROOT / "docs/decisions"
+    names = sorted(page.name for page in folder.glob("[0-9]*.md"))
+    assert [int(name[:3]) for name in names] == list(range(1, len(names) + 1))
+    index = (folder / "README.md").read_text()
+    titles = {name: (folder / name).read_text().splitlines()[0].removeprefix(f"# {name[:3]}: ") for name in names}
+    assert [name for name in names if f"- [{name[:3]}]({name}): {titles[name]}\n" not in index] == []
+
+
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 150
 
