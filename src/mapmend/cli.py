@@ -201,10 +201,10 @@ def _add_optimize(commands: Commands) -> None:
     )
     command.add_argument(
         "--init",
-        choices=STARTS,
-        default=STARTS[0],
-        help="where to start: at the poses in GRAPH (default), along the odometry (best with a kernel), "
-        "along a tree of the best edges, or rotations first",
+        choices=("auto", *STARTS),
+        default="auto",
+        help="where to start: at the poses in GRAPH (given), along the odometry (best with a kernel), along a tree of "
+        "the best edges, or rotations first (chordal); auto (default): given, and chordal too where that ends badly",
     )
     command.add_argument("--all-edges", action="store_true", help="let the kernel doubt odometry edges too")
     _add_threads(command)

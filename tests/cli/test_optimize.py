@@ -92,7 +92,7 @@ def test_distrusted_loops_are_named(mapmend, graph, tmp_path, kernel):
     assert f"{i} -> {j}" in text
 
 
-@pytest.mark.parametrize("init", cli.STARTS)
+@pytest.mark.parametrize("init", STARTS)
 def test_every_start_ends_in_the_same_optimum(mapmend, graph, path, tmp_path, init):
     arguments = ("optimize", path, "-o", tmp_path / "out.g2o", "--init", init)
     values = json.loads(mapmend(*arguments, "--json").out)

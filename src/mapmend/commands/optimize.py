@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,10 @@ import numpy as np
 from mapmend.commands.console import ProgressBar, print_json, say_notes, table, thread_count, told_compiling
 from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
-from mapmend.graph.optimizer import OptimizationResult, edge_chi2, optimize
+from mapmend.graph.best_start import StartedResult, optimize_from
+from mapmend.graph.optimizer import edge_chi2
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import DISTRUST_WEIGHT, Kernel, distrusted, kernel_of
-from mapmend.graph.starts import starting_poses
-from mapmend.graph.system import System
 from mapmend.io.files import read_bytes
 from mapmend.io.g2o import write_g2o
 from mapmend.io.graph_lines import parse_graph
@@ -43,22 +43,16 @@ def run(options: Namespace) -> int:
     seconds = {"read": time.perf_counter() - began}
     with ProgressBar() as progress, told_compiling() as compiling:
         given_chi2 = float(edge_chi2(graph).sum())
-        began = time.perf_counter()
-        system = System(graph, thread_count(options.threads))
-        seconds["analyse"] = time.perf_counter() - began
-        began = time.perf_counter()
-        start = graph.with_poses(starting_poses(graph, options.init, system))
-        seconds["start"] = time.perf_counter() - began
         doubted = np.ones_like(graph.is_loop) if options.all_edges else graph.is_loop
-        result = optimize(start, progress=progress, system=system, kernel=kernel, doubted=doubted)
-    optimized = graph.with_poses(result.poses)
-    seconds["analyse"] += result.seconds["analyse"]
-    seconds |= {"solve": result.seconds["solve"], "compile": compiling.seconds}
+        threads = thread_count(options.threads)
+        found = optimize_from(graph, options.init, progress=progress, kernel=kernel, doubted=doubted, threads=threads)
+    optimized = graph.with_poses(found.result.poses)
+    seconds |= found.seconds | {"compile": compiling.seconds}
     began = time.perf_counter()
     WRITERS[SUFFIXES.get(Path(options.output).suffix, written_as)](options.output, optimized)
     seconds["write"] = time.perf_counter() - began
     say_notes(graph.notes)
-    values = _values(options, kernel, optimized, result, given_chi2) | {"seconds": seconds}
+    values = _values(options, kernel, optimized, found, given_chi2) | {"seconds": seconds}
     if options.json:
         print_json(values)
     else:
@@ -76,9 +70,10 @@ def read_graph(path: Path) -> tuple[PoseGraph, str]:
 
 
 def _values(
-    options: Namespace, kernel: Kernel | None, graph: PoseGraph, result: OptimizationResult, given_chi2: float
+    options: Namespace, kernel: Kernel | None, graph: PoseGraph, found: StartedResult, given_chi2: float
 ) -> dict[str, Any]:
-    """What ``--json`` prints, but for the seconds."""
+    """What ``--json`` prints, but for the seconds; ``init`` is the start that was taken, ``ends`` those tried."""
+    result = found.result
     rows, chi2 = distrusted(result.edge_weights), edge_chi2(graph)
     loops = graph.is_loop
     return {
@@ -89,7 +84,8 @@ def _values(
         "loops": int(loops.sum()),
         "kernel": options.kernel,
         "phi": None if kernel is None else kernel.phi,
-        "init": options.init,
+        "init": found.taken,
+        "ends": [asdict(end) for end in found.ends],
         "chi2_initial": given_chi2,
         "chi2_start": result.chi2_initial,
         "chi2_final": result.chi2_final,
@@ -116,8 +112,7 @@ def _lines(values: dict[str, Any]) -> list[str]:
         f"  chi2: {values['chi2_initial']:.3f} before, {values['chi2_final']:.3f} after, "
         f"{values['iterations']} iterations, {state}",
     ]
-    if values["init"] != "given":
-        lines.append(f"  start: {values['init']}, chi2 {values['chi2_start']:.3f}")
+    lines += _start_lines(values)
     if values["phi"] is not None:
         lines.append(
             f"  kernel {values['kernel']}, phi {values['phi']:g}: cost {values['cost_initial']:.3f} before, "
@@ -125,6 +120,19 @@ def _lines(values: dict[str, Any]) -> list[str]:
         )
     lines += _distrust_lines(values["distrusted"]) if values["phi"] is not None else []
     return [*lines, f"  seconds: {sum(spent.values()):.3f} ({parts}{compiled})", f"  graph: {values['output']}"]
+
+
+def _start_lines(values: dict[str, Any]) -> list[str]:
+    """Which start was taken; where several were tried, how each of them ended."""
+    ends = values["ends"]
+    if len(ends) == 1:
+        return [] if values["init"] == "given" else [f"  start: {values['init']}, chi2 {values['chi2_start']:.3f}"]
+    has_kernel = values["phi"] is not None
+    reached = [
+        f"from {end['start']} chi2 {end['chi2']:.3f}" + (f", cost {end['cost']:.3f}" if has_kernel else "")
+        for end in ends
+    ]
+    return [f"  start: {values['init']}, the better of {len(ends)}: {'; '.join(reached)}"]
 
 
 def _distrust_lines(rows: list[dict[str, Any]]) -> list[str]:
