@@ -1,10 +1,10 @@
-"""Loops that confirm each other: what tells a handful of true loops from any number of false ones, before any descent.
+"""Loops that confirm each other: this separates a few true loops from any number of false ones, before any descent.
 
-A robot that comes back to a place passes it for a while, so that true loops come in company: one of them foretells,
-along a few steps of odometry, what the next must measure. False loops agree with their neighbours by rare chance, or
-where one mistake is made again and again (false loops in groups). Latif, Cadena and Neira (RRR, IJRR 2013) cluster
-loops in time and ask each cluster; Mangelson et al. (PCM, ICRA 2018) ask all pairs by the same cycle. Here pairs nearby
-are asked only: over a few steps odometry is sure enough for the answer to mean something.
+A robot that comes back to a place stays near it for a while, so true loops come in groups: one of them predicts, along
+a few steps of odometry, what the next must measure. False loops rarely agree with their neighbours, except where one
+mistake is made again and again (false loops in groups). Latif, Cadena and Neira (RRR, IJRR 2013) cluster loops in time
+and test each cluster; Mangelson et al. (PCM, ICRA 2018) test all pairs by the same cycle. Here only pairs that are near
+each other are tested: over a few steps, odometry is certain enough for the test to mean something.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from mapmend.graph.robust import TRUE_EDGE_CHI2
 
 REACH_NODES = 10
 """How far the ends of a loop may be from those of one that confirms it. On intel, M3500, ringCity and Bicocca 25b with
-1,000 random false loops 92 to 100 % of the true ones are confirmed, and 0 to 2 % of the false ones; with 20 nodes
+1,000 random false loops, 92 to 100 % of the true ones are confirmed, and 0 to 2 % of the false ones; with 20 nodes
 98 to 100 %, and up to 14 %."""
 
 
 def confirmed_loops(graph: PoseGraph, information: Float, doubted: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which of the ``doubted`` edges agree with another one, shape (m,), by ``information``, shape (m, 3, 3).
 
-    None does where undoubted edges do not join each node to the next: there is no chain to compare them along then.
+    If the other edges do not join each node to the next, no edge agrees: there is no chain along which to compare them.
     """
     from mapmend.graph import _agreement_kernels
 

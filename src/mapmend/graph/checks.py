@@ -1,4 +1,4 @@
-"""What keeps a graph from being optimized, each said in one line that names the node or the edge."""
+"""Checks whether a graph can be optimized; each error is one line that names the node or the edge."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def check_weights(graph: PoseGraph, weights: Float) -> None:
 
 
 def check_connections(graph: PoseGraph) -> None:
-    """Raises ``MapmendError`` where an edge joins a node to itself, or a node hangs on no fixed node."""
+    """Raises ``MapmendError`` where an edge joins a node to itself, or a node is not connected to a fixed one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -57,7 +57,7 @@ def check_connections(graph: PoseGraph) -> None:
 
 
 def _refuse_edges(graph: PoseGraph, bad: NDArray[np.bool_], before: str, after: str) -> None:
-    """Names the first bad edge as a person looks it up: by the ids of its nodes."""
+    """Names the first bad edge by the ids of its nodes, as they are in the file."""
     if bad.any():
         i, j = graph.edges[np.argmax(bad)]
         raise MapmendError(f"{before} edge {graph.ids[i]} -> {graph.ids[j]} {after}".strip())

@@ -1,4 +1,4 @@
-"""Where the optimizer stands, and how it goes on from there: Gauss-Newton steps, damped where they don't help."""
+"""The state of the optimizer and its steps: Gauss-Newton steps, damped where they do not lower the cost."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ METHODS = ("levenberg-marquardt", "gauss-newton")
 MOST_DAMPING, DAMPING_FACTOR = 1e8, 10.0
 
 LEAST_DAMPING = 1e-9
-"""A chain of n nodes bends along its whole length against 1 / n^2 of the diagonal of H. More damping than that holds
-the map in the shape it starts with, so that true loops look false: M3500 from odometry, with 100 false loops and the
-kernel ``dcs``, ended 13.5 m off where this was 1e-5, 0.2 mm off with 1e-9."""
+"""A chain of n nodes resists bending along its whole length with 1 / n^2 of the diagonal of H. More damping than that
+keeps the map in its initial shape, so that true loops look false: M3500 from odometry, with 100 false loops and the
+kernel ``dcs``, ended 13.5 m off with a value of 1e-5, and 0.2 mm off with 1e-9."""
 
 FAR_DAMPING = 1e-4
-"""Where the very first step raises chi2, the start is far from any optimum, and a longer way round finds a lower one:
-Bicocca 25b without a threshold ends at 159,253 from odometry, where it ended at 177,937. Not with a kernel, for the
-reason above."""
+"""If the very first step raises chi2, the start is far from any optimum, and shorter steps find a lower one: Bicocca
+25b without a threshold ends at 159,253 from odometry instead of 177,937. Not used with a kernel, for the reason
+above."""
 
 CHEAP_SHARE = 0.1
-"""A step by an old factor is taken where it gains at most this share of the step before: it has then a third of its
-length, which a few cheap steps make as short as one dear one."""
+"""A step with an old factor is taken if its gain is at most this share of the previous gain. Then it has a third of the
+previous length, and a few cheap steps reduce the length as much as one expensive step."""
 
 FORESEEN_SHARE = 1e-3
-"""Of the tolerance: what a step may gain that is foreseen and not taken."""
+"""A predicted step is not taken if its gain is below this share of the tolerance."""
 
 SLOW_SHARE, LEAST_SHARE, WHOLE_SHARE = 0.25, 0.5, 0.9
-"""Where a step gains more than a quarter of the one before, the next may be shortened: by a half at most, and not by
-less than a tenth. Bicocca 25b without a threshold, from the chordal start, converges in 70 steps so; whole steps
-had not converged after 1,000."""
+"""If a step gains more than a quarter of the previous gain, the next step may be shortened: by a half at most, and not
+by less than a tenth. So Bicocca 25b without a threshold converges in 70 steps from the chordal start; with whole steps
+it had not converged after 1,000."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,10 @@ class OptimizerSettings:
     """``method``: "levenberg-marquardt" takes the Gauss-Newton step wherever it lowers chi2, and damps where it does
     not; "gauss-newton" takes every step, whatever chi2 does.
 
-    ``tolerance_sigma``: done when a step is shorter than this many standard deviations of the whole solution,
-    ``sqrt(d^T H d)``, which asks nothing of units, or when the next one would be far shorter, as steps have shrunk so
-    far; or where it gains less than ``tolerance_share`` of chi2, which is so large then that rounding hides the rest.
+    ``tolerance_sigma``: the descent ends when a step is shorter than this many standard deviations of the whole
+    solution, ``sqrt(d^T H d)``, which does not depend on units, or when the next step, predicted from how the steps
+    have shrunk, would be far shorter. It also ends when a step gains less than ``tolerance_share`` of chi2: chi2 is
+    then so large that rounding hides the rest.
     """
 
     method: str = METHODS[0]
@@ -62,7 +63,7 @@ class OptimizerSettings:
 
 
 class Descent:
-    """Plain least squares: every edge costs its chi2. ``cost`` is what the steps lower, ``chi2`` that of all edges."""
+    """Plain least squares: every edge costs its chi2. The steps lower ``cost``; ``chi2`` is that of all edges."""
 
     cost: float
     chi2: float
@@ -83,11 +84,12 @@ class Descent:
         return self._downhill(self.system.solve(self.here.values, -self.here.gradient, damping))
 
     def propose_cheaply(self) -> tuple[Float, float]:
-        """The step by the factor of the last ``propose``, which costs a fourth of one by a factor of its own."""
+        """The step with the factor of the last ``propose``; it takes a fourth of the time of a step with a new
+        factor."""
         return self._downhill(self.system.solve_again(-self.here.gradient))
 
     def take(self, step: Float, whatever: bool) -> bool:
-        """Moves by the step if the cost doesn't rise by it, or ``whatever`` it does; says whether it moved."""
+        """Takes the step if it does not raise the cost, or always if ``whatever``; returns whether it was taken."""
         poses = self.system.move(self.poses, step)
         there = self.system.linearize(poses, self.measurements, self.information, self._spare)
         if not self._is_better(there.chi2, whatever):
@@ -98,7 +100,7 @@ class Descent:
         return True
 
     def weights(self) -> Float:
-        """What the kernel makes of the information of every edge, shape (m,): here 1."""
+        """The kernel's factor on the information of every edge, shape (m,): here 1."""
         return np.ones(len(self.measurements))
 
     def _downhill(self, step: Float) -> tuple[Float, float]:
@@ -125,11 +127,11 @@ class Descent:
 
 
 def descend(descent: Descent, settings: OptimizerSettings, progress: Progress) -> tuple[int, bool]:
-    """Steps until none is left that matters; how many, and whether it came to that.
+    """Takes steps until the next one would be negligible; returns their number and whether it converged.
 
-    Near the optimum H hardly changes from step to step, and the factor of an earlier one serves again (a chord method:
-    Ortega and Rheinboldt 1970) as long as each step gains a tenth of the one before, or less. Then it is foreseen what
-    the next one would gain, and where that is far too little the next is not taken.
+    Near the optimum H hardly changes from step to step. The factor of an earlier step is used again (a chord method:
+    Ortega and Rheinboldt 1970) as long as each step gains a tenth of the previous one, or less. Such steps also predict
+    the gain of the next one, which is not taken if its gain is far too small.
     """
     if not descent.system.size:
         return 0, True
@@ -163,11 +165,12 @@ def descend(descent: Descent, settings: OptimizerSettings, progress: Progress) -
 
 
 def _share(share: float, gain: float, slope: float) -> float:
-    """Which share of the next step to take: that with which the last one would have ended where the cost was least.
+    """Which share of the next step to take: the share with which the last step would have ended at the lowest cost.
 
-    ``gain``: how steeply the last step, of which ``share`` was taken, went down where it began; ``slope``: how steeply
-    it goes up where it ended. Where residuals are large, Gauss-Newton oversteps again and again along the same line,
-    each time by nearly as much; the secant through both says where the middle is. A whole step where it is nearly one.
+    ``gain``: the negative slope of the cost along the last step, of which ``share`` was taken, at its beginning;
+    ``slope``: the slope at its end. Where residuals are large, Gauss-Newton oversteps again and again along the same
+    line, each time by nearly as much; the secant through both slopes estimates where the slope is zero. If the result
+    is nearly a whole step, the whole step is taken.
     """
     best = share * gain / (gain + slope) if gain + slope > 0.0 else 1.0
     return max(LEAST_SHARE, best) if best < WHOLE_SHARE else 1.0

@@ -1,6 +1,6 @@
-"""How a pattern is eliminated: the order of the nodes, the fronts, and where each number of H and of L stands.
+"""How a pattern is eliminated: the order of the nodes, the fronts, and where each number of H and of L is stored.
 
-Made from the edges alone, node by node and not unknown by unknown, which is a third of the size in each direction.
+It is computed from the edges alone, by nodes instead of unknowns, which is a third of the size in each direction.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ import numpy as np
 from mapmend.graph._kernel_types import Fronts
 from mapmend.graph.pose_graph import Float, Int
 
-# Runs of at most so many nodes are made of whatever is next to each other, wider ones while at most that share of
-# their blocks are zeros.
+# The first value: runs of at most this many nodes are merged without conditions. The second: wider runs are merged
+# while at most this share of their blocks are zeros.
 NARROW, ZERO_SHARE = 3, 0.1
-# A factorization of fewer multiply-adds, a millisecond's work, is over before a second thread has begun; and the tree
-# is cut into at most so many subtrees, and so many times: a tree without branches gives nothing to cut.
+# A factorization of fewer multiply-adds takes a millisecond and would end before a second thread has begun. The tree is
+# cut at most this many times, into at most this many subtrees; a tree without branches cannot be cut.
 WORTH_THREADS, MOST_SUBTREES, MOST_CUTS = 2e7, 64, 10_000
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """``order``: which vertex comes when, shape (count,); ``places``: the other way round.
+    """``order``: the vertices in the order of elimination, shape (count,); ``places``: the inverse permutation.
 
     ``block_of_edge``: shape (m,), which block below the diagonal of H an edge adds to, -1 where an end is fixed.
-    ``subtrees``, ``rest``: shape (k, 2) each, the first run and the end. Subtrees share nothing with each other and may
-    be factorized at the same time; the rest, in its order, when all of them are.
+    ``subtrees``, ``rest``: shape (k, 2) each, the first run and the end. Subtrees share nothing with each other and can
+    be factorized at the same time; the rest is factorized after all of them, in its order.
     """
 
     order: Int
@@ -43,11 +43,11 @@ class Elimination:
 
     @property
     def work_size(self) -> int:
-        """How many numbers the updates hold that wait at a time."""
+        """How many numbers the workspace for the updates holds."""
         return int(self.fronts.update_starts[-1])
 
     def diagonal_blocks(self) -> Int:
-        """Where the 3 x 3 diagonal block of each place stands in the panels, shape (count, 3, 3)."""
+        """The indices of the 3 x 3 diagonal block of each place in the panels, shape (count, 3, 3)."""
         firsts, rows = self.fronts.firsts.view(np.int64), np.diff(self.fronts.row_starts.view(np.int64))
         widths = np.diff(firsts)
         run = np.repeat(np.arange(len(widths)), widths)
@@ -61,7 +61,7 @@ class Elimination:
 def analyse(ends: Int, count: int, threads: int = 1) -> Elimination:
     """The elimination of ``count`` vertices that edges join, ``ends``: shape (m, 2), negative where an end is fixed.
 
-    ``threads``: for how many it is cut into subtrees; the factor is the same for any number.
+    The tree is cut into subtrees for so many ``threads``; the factor is the same for any number.
     """
     from mapmend.graph import _ordering_kernels as ordering
     from mapmend.graph import _symbolic_kernels as symbolic
@@ -83,16 +83,16 @@ def analyse(ends: Int, count: int, threads: int = 1) -> Elimination:
 
 
 def multiply_adds(firsts: Int, row_starts: Int) -> Float:
-    """How many the elimination of each run takes, shape (runs,)."""
+    """The number of multiply-adds of each run's elimination, shape (runs,)."""
     own, below = (3.0 * np.diff(starts) for starts in (firsts, row_starts))
     return np.asarray(((own + below) ** 3 - below**3) / 6.0)
 
 
 def cut(parents: Int, work: Float, threads: int) -> tuple[Int, Int]:
-    """The subtrees to be worked on side by side, the dearest first, and the rest; ranges of runs, shape (k, 2) each.
+    """The subtrees for parallel work, the most expensive first, and the rest; ranges of runs, shape (k, 2) each.
 
-    ``parents``, ``work``: of each run, in postorder, so that a subtree is a range. The dearest subtree is cut at its
-    root again and again; taken is the cut with which so many threads would be done first.
+    ``parents``, ``work``: of each run, in postorder, so that a subtree is a range. The most expensive subtree is cut at
+    its root again and again; the cut with which this many threads would finish first is taken.
     """
     runs, whole = len(parents), float(work.sum())
     if threads < 2 or whole < WORTH_THREADS:

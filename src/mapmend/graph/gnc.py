@@ -1,24 +1,25 @@
 """Graduated non-convexity: truncated least squares, reached by degrees (GNC-TLS; Yang et al., RA-L 2020).
 
-Yang et al. begin with the optimum of plain least squares, which for rotations and registrations a global solver gives,
-and let edges go by degrees of ``TruncatedQuadratic``. A map from odometry is another case: it is about right nearby and
-far off after a long way, and false loops that count in full fold it up. What is folded stays folded: on M3500 with 100
-random false loops their way ended 18 m off, unless each degree began at the odometry anew, and on ringCity with 1,000
-false loops in groups also then (28 m). So the degrees here begin from the other side.
+Yang et al. begin with the optimum of plain least squares, which a global solver gives for rotations and registrations,
+and reject edges by degrees of ``TruncatedQuadratic``. A map from odometry is a different case: it is about right over
+short distances and far off over long ones, and false loops with full weight fold it up. A folded map stays folded: on
+M3500 with 100 random false loops, their method ended 18 m off, unless each degree began at the odometry again; on
+ringCity with 1,000 false loops in groups it failed even then (28 m). So the degrees here begin from the other side.
 
-*Widening.* DCS with a phi far below the one asked for, then wider: loops that odometry all but confirms pull first, and
-what they straighten brings others within reach. Its weights fade with distance but never vanish, so that true loops
-which drift has parted find together. At once with the whole phi, false loops win as often as true ones where they are
-many (M3500 with 1,000 false loops in groups: 23 m off).
+*Widening.* DCS begins with a phi far below the requested one, which then grows. Loops that almost agree with the
+odometry pull first; they straighten the map, which brings others within reach. The weights of DCS fall with distance
+but never vanish, so that true loops that are far off because of drift can still close. If DCS begins with the whole phi
+and there are many false loops, they win as often as true ones (M3500 with 1,000 false loops in groups: 23 m off).
 
-*Closing.* What DCS lacks is the end: false loops nearby go on pulling a little, and true ones beyond phi count less. By
-degrees of ``TruncatedQuadratic`` each edge comes to count in full or not at all.
+*Closing.* DCS alone does not decide: false loops nearby keep pulling a little, and true ones beyond phi count less. By
+degrees of ``TruncatedQuadratic``, each edge ends with full weight or with none.
 
-*Two ways, and the cost decides.* Where random false loops outnumber the true ones, widening alone is lost: on ringCity
-with 1,000 of them beside 901 it ended 21 m off. So it is gone twice: with all doubted edges, and with those only that
-another one confirms (``agreement``), which random false loops do not, until these are closed; then the others come
-back, by DCS with the whole phi, and all are closed. The end of less truncated cost, which is what is asked for,
-is the result. Each way alone fails where the other does not: true loops that stand alone are missed by the second.
+*Two passes, and the cost decides.* Where random false loops outnumber the true ones, one pass is not enough: on
+ringCity, with 1,000 of them beside 901, it ended 21 m off. So there are two passes. The first uses all doubted edges.
+The second uses only edges that another one confirms (``agreement``), which excludes random false loops. When these are
+closed, the others are added by DCS with the whole phi, and all are closed. The result is the pass with the lower
+truncated cost, which is what ``gnc`` minimizes. Each pass fails in cases where the other does not: the second misses
+true loops without neighbours.
 """
 
 from __future__ import annotations
@@ -33,28 +34,29 @@ from mapmend.graph.robust_descent import KernelDescent
 from mapmend.parallel import Progress, no_progress
 
 WIDENING = (1.0 / 32.0, 1.0 / 10.0, 1.0 / 3.2, 1.0)
-"""The shares of phi that DCS goes through: half a decade a step, from where an error is a sixth of what phi allows."""
+"""The shares of phi that DCS goes through, half a decade a step. The first allows a sixth of the error of phi."""
 
 FIRST_MU = 0.1
 """The closing begins where an edge is left out beyond ``phi (mu + 1) / mu``: three times the error that phi allows."""
 
 MU_FACTOR = 1.4
-"""From one degree to the next: that of Yang et al."""
+"""The factor from one degree to the next, as in Yang et al."""
 
 LARGEST_MU = 1e3
-"""From here on the surrogate blends over a thousandth of phi."""
+"""The last degree: there the surrogate blends over a thousandth of phi."""
 
 DEGREES = math.ceil(math.log(LARGEST_MU / FIRST_MU) / math.log(MU_FACTOR))
 
 STEPS_A_DEGREE = 2
 DEGREE_SIGMA = 0.1
-"""A degree ends with a step of less than this many standard deviations: the next one moves on anyway."""
+"""A degree ends with a step of less than this many standard deviations; more is not needed before the next degree."""
 
 
 def graduate(
     descent: KernelDescent, kernel: GraduatedNonConvexity, settings: OptimizerSettings, progress: Progress
 ) -> tuple[int, bool]:
-    """Descends to the truncated cost both ways; how many steps, and whether the better one converged."""
+    """Minimizes the truncated cost in both passes; returns the number of steps and whether the better pass
+    converged."""
     confirmed = confirmed_loops(descent.graph, descent.information, descent.doubted)
     ways = _Ways(kernel, settings, progress, both=bool(confirmed.any() and (descent.doubted & ~confirmed).any()))
     part = descent.part(~descent.doubted | confirmed) if ways.both else None
@@ -75,7 +77,7 @@ def graduate(
 
 
 class _Ways:
-    """The legs of the ways; counts the steps and tells the progress."""
+    """The stages of the passes; counts the steps and reports progress."""
 
     def __init__(
         self, kernel: GraduatedNonConvexity, settings: OptimizerSettings, progress: Progress, both: bool
@@ -88,17 +90,17 @@ class _Ways:
         self.iterations = self.stage = 0
 
     def widen(self, descent: KernelDescent) -> None:
-        """DCS by shares of phi."""
+        """DCS with growing shares of phi."""
         for share in WIDENING:
             self.settle(descent, DynamicCovarianceScaling(share * self.kernel.phi))
 
     def settle(self, descent: KernelDescent, kernel: Kernel) -> None:
-        """About to the optimum under one kernel."""
+        """Descends roughly to the optimum under one kernel."""
         descent.use(kernel)
         self._descend(descent, self.rough, 1)
 
     def close(self, descent: KernelDescent) -> bool:
-        """By degrees to the truncated cost, and to its optimum; whether it converged."""
+        """Goes by degrees to the truncated cost and descends to its optimum; returns whether it converged."""
         end = self.stage + DEGREES
         for degree in range(DEGREES):
             surrogate = TruncatedQuadratic(self.kernel.phi, FIRST_MU * MU_FACTOR**degree)

@@ -1,7 +1,7 @@
 """Exact covariances of an optimized graph, from the factor of its information matrix.
 
-Where IGO takes the approximation of its reference [22] once loops have closed, these are the entries of ``H^-1``
-itself. All are covariances of motions in the pose's own frame, metres and radians (``geometry.se2``).
+After loops have closed, IGO uses the approximation of its reference [22]; these are the exact entries of ``H^-1``. All
+are covariances of motions in the pose's own frame, metres and radians (``geometry.se2``).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mapmend.graph.system import Factorization
 def marginals(factorization: Factorization) -> Float:
     """The covariance of every node, shape (n, 3, 3); zero where a node is fixed.
 
-    One pass of the sparse inverse subset (Takahashi equations), for all nodes at the cost of some factorizations.
+    One pass of the sparse inverse subset (Takahashi equations) for all nodes, in the time of a few factorizations.
     """
     from mapmend.graph import _marginal_kernels
 
@@ -32,7 +32,7 @@ def marginals(factorization: Factorization) -> Float:
 def cross_covariances(factorization: Factorization, node: int) -> Float:
     """``Sigma_{k, node}`` of every node k, shape (n, 3, 3), by three solves; zero where either is fixed.
 
-    ``node`` is a row number; raises ``MapmendError`` where there is none such.
+    ``node`` is a row number; raises ``MapmendError`` if it does not exist.
     """
     unknowns = factorization.unknowns
     if not 0 <= node < len(unknowns):
@@ -67,7 +67,7 @@ def relative_covariances(
 def joint_covariance(factorization: Factorization, first: int, second: int) -> Float:
     """The covariance of two nodes together, shape (6, 6): ``[[S_aa, S_ab], [S_ba, S_bb]]``; row numbers.
 
-    Raises ``MapmendError`` where there is no such node.
+    Raises ``MapmendError`` if one of them does not exist.
     """
     by_first, by_second = (cross_covariances(factorization, node) for node in (first, second))
     joint = np.block([[by_first[first], by_second[first]], [by_first[second], by_second[second]]])

@@ -4,9 +4,9 @@ Minimizes ``chi2 = sum e^T Omega e`` with ``e = measurement^-1 * (X_i^-1 * X_j)`
 angle): g2o's convention, so that chi2 compares with what is published for its graphs. GTSAM takes the logarithm of
 the same pose, which differs in the second order of e, and reports half the sum.
 
-Undamped steps converge in a few iterations wherever the graph is sound, and reach the published optima of intel and
-M3500 from odometry. With many false loops they wander: on Bicocca 25b without a threshold, Gauss-Newton still stood at
-chi2 = 284,000 after 200 steps, where damping the steps that raise chi2 came to rest at 169,000. So the default is
+Undamped steps converge in a few iterations if the graph is sound, and reach the published optima of intel and M3500
+from odometry. With many false loops they wander: on Bicocca 25b without a threshold, Gauss-Newton was still at chi2 =
+284,000 after 200 steps, while damping the steps that raise chi2 converged to 169,000. So the default is
 Levenberg-Marquardt that starts undamped. The damping scales the diagonal of H (Marquardt's choice), which weighs metres
 against radians as the measurements do.
 """
@@ -48,12 +48,12 @@ DEFAULT_SETTINGS = OptimizerSettings()
 class OptimizationResult:
     """``poses``: shape (n, 3), ``T_map_robot``, angles of the moved nodes in [-pi, pi).
 
-    ``chi2_initial`` and ``chi2_final`` are those of all edges, at the given poses and at these, whatever a kernel makes
-    of them; ``cost_initial`` and ``cost_final`` what was made small, the same where there is no kernel.
+    ``chi2_initial`` and ``chi2_final`` are those of all edges, at the given poses and at these, without the weights of
+    a kernel; ``cost_initial`` and ``cost_final`` are those of the minimized cost, the same if there is no kernel.
     ``edge_weights``: shape (m,), the kernel's factors on the information, 1 where an edge has none
     (``robust.distrusted``). ``iterations`` counts the steps that were tried. ``seconds``: "analyse" for checks and
-    pattern, "solve" from the first linearization to the last update, ordering included. ``system`` serves the same
-    edges again.
+    pattern, "solve" from the first linearization to the last update, with the ordering. ``system`` can be used again
+    for the same edges.
     """
 
     poses: Float
@@ -70,7 +70,7 @@ class OptimizationResult:
 
     @cached_property
     def factorization(self) -> Factorization:
-        """The factor of H at ``poses``, made when it is first asked for: what ``marginals`` takes.
+        """The factor of H at ``poses``, made when it is first needed; ``marginals`` takes it.
 
         Raises ``MapmendError`` where H is singular to rounding.
         """
@@ -88,12 +88,13 @@ def optimize(
     doubted: NDArray[np.bool_] | None = None,
     threads: int = 1,
 ) -> OptimizationResult:
-    """The optimum nearest ``graph.poses``; the fixed nodes stay.
+    """The optimum nearest to ``graph.poses``; the fixed nodes stay.
 
-    ``weights``: shape (m,), factors on the edges' information. ``system``: that of an earlier result over the same
-    edges and fixed nodes, which saves ordering and analysis. ``kernel``: what the edges cost that may be false, which
-    ``doubted`` says, bool of shape (m,), by default the loop edges. Raises ``MapmendError`` for numbers that are not
-    finite, information that is not positive definite, and nodes that no edges tie to a fixed one.
+    ``weights``: shape (m,), factors on the edges' information. ``system``: that of an earlier result with the same
+    edges and fixed nodes, which saves ordering and analysis. ``kernel``: the cost of the edges that may be false.
+    ``doubted``: which edges these are, bool of shape (m,), by default the loop edges. Raises ``MapmendError`` for
+    numbers that are not finite, information that is not positive definite, and nodes without a chain of edges to a
+    fixed one.
     """
     began = time.perf_counter()
     check_numbers(graph)
@@ -136,7 +137,7 @@ def optimize(
 def _descent(
     system: System, graph: PoseGraph, information: Float, kernel: Kernel | None, doubted: NDArray[np.bool_]
 ) -> Descent:
-    """The start: a descent without kernel, with one, or with one that has variables of its own."""
+    """The descent at its start: without kernel, with one, or with a kernel that has variables of its own."""
     if kernel is None or not doubted.any():
         return Descent(system, graph, information)
     if isinstance(kernel, Switchable):

@@ -22,7 +22,7 @@ class PoseGraph:
     ``edges``: int64, shape (m, 2). ``measurements``: shape (m, 3). ``information``: shape (m, 3, 3), symmetric positive
     definite, in the frame of the measured pose (g2o's convention: the error is ``measurement^-1 * T_i_j``).
     ``is_loop``: bool, shape (m,). ``scans`` has n rows, a node without a scan an empty one. ``stamps_s``: shape (n,).
-    ``notes`` say what was odd about the file that the graph comes from.
+    ``notes`` describe what was odd about the file that the graph comes from.
     """
 
     poses: Float
@@ -60,7 +60,7 @@ class PoseGraph:
         return len(self.poses)
 
     def with_poses(self, poses: Float) -> PoseGraph:
-        """The same graph with its nodes elsewhere; ``poses`` has shape (n, 3)."""
+        """The same graph with other poses; ``poses`` has shape (n, 3)."""
         return replace(self, poses=poses)
 
     def with_edges(self, kept: NDArray[np.bool_]) -> PoseGraph:

@@ -1,9 +1,9 @@
-"""Robust kernels: what an edge costs that may be false. All formulas, and where they come from, stand here.
+"""Robust kernels: the cost of an edge that may be false. This file has all formulas and their sources.
 
 With ``c = e^T Omega e`` an edge costs ``rho(c)`` instead of c, and enters the normal equations with its information
 times ``w(c) = d rho / d c``: iteratively reweighted least squares, whose gradient is that of the sum of the costs. So
-a step is accepted or refused by the very function that it goes downhill on. All costs rise from 0 as c does; ``phi``,
-in units of chi2, says from where on a kernel doubts.
+a step is accepted or refused by the same cost that it descends. All costs rise from 0 as c does; ``phi``, in units of
+chi2, is the value from which on a kernel reduces the weight.
 
 =================  =============================================  ==============================  ====================
 kernel             cost rho(c)                                    weight w(c)                     source
@@ -22,19 +22,20 @@ kernel             cost rho(c)                                    weight w(c)   
                    ``gnc.graduate``                                                               2020 (GNC-TLS)
 =================  =============================================  ==============================  ====================
 
-*DCS and switches.* DCS gives the scale s only. The cost above is the one whose derivative by c is s^2; it is also the
-least over s in [0, 1] of ``s^2 c + phi (1 - s)(3 - s)``: a switch drawn towards 2 that stops at 1, where that of
+*DCS and switches.* DCS gives the scale s only. The cost above is the one whose derivative by c is s^2. It is also the
+minimum over s in [0, 1] of ``s^2 c + phi (1 - s)(3 - s)``: a switch drawn towards 2 that stops at 1, while that of
 ``switchable`` is drawn towards 1. Minimized over s, ``switchable`` has the optima of ``geman-mcclure``; but its
-switches are variables that start at 1 and move with the poses (``robust_descent.SwitchDescent``), another way there.
+switches are variables that start at 1 and move with the poses (``robust_descent.SwitchDescent``), so the path differs.
 
 *Max-mixture.* The null hypothesis is a second Gaussian with the same mean, its information scaled by
 q = ``null_scale`` and its weight ``null_weight`` beside the first one's 1. The more likely component counts, that is
-the less of c and ``q c - 2 log(null_weight) - 3 log(q)``; phi, where they meet, says the same as ``null_weight``.
+the smaller of c and ``q c - 2 log(null_weight) - 3 log(q)``. phi is where they meet; it is equivalent to
+``null_weight``.
 
-*Defaults.* phi is what a true edge's c stays below 99 times in a hundred, but for ``cauchy``, whose tail needs less:
-with that phi, Bicocca 25b without a threshold ends 8.9 m off, with 1 it ends 1.1 m off. DCS is published with phi = 1;
-from odometry that leaves out true loops which drift has parted (ringCity 3.3 m instead of 0.9 m, Bicocca 25b with few
-false loops 3.3 m instead of 1.0 m: ``benchmarks/robustness.py``).
+*Defaults.* phi is the 99 % quantile of a true edge's c, except for ``cauchy``, whose tail needs a smaller value: with
+that phi, Bicocca 25b without a threshold ends 8.9 m off, with 1 it ends 1.1 m off. DCS is published with phi = 1; from
+odometry that leaves out true loops that are far off because of drift (ringCity 3.3 m instead of 0.9 m, Bicocca 25b with
+few false loops 3.3 m instead of 1.0 m: ``benchmarks/robustness.py``).
 """
 
 from __future__ import annotations
@@ -49,15 +50,15 @@ from mapmend.errors import MapmendError
 from mapmend.graph.pose_graph import Float, Int
 
 DISTRUST_WEIGHT = 0.25
-"""An edge is distrusted whose weight is below this: whose switch is less than half on."""
+"""An edge is distrusted if its weight is below this, that is, if its switch is below one half."""
 
 TRUE_EDGE_CHI2 = 11.345
-"""The 99 % quantile of chi-square with three degrees of freedom: a true edge's c is larger once in a hundred times."""
+"""The 99 % quantile of chi-square with three degrees of freedom: one true edge in a hundred has a larger c."""
 
 
 @dataclass(frozen=True)
 class Kernel(ABC):
-    """``phi`` is in units of chi2; raises ``MapmendError`` where it is no number above 0."""
+    """``phi`` is in units of chi2; raises ``MapmendError`` if it is not a number above 0."""
 
     phi: float = TRUE_EDGE_CHI2
 
@@ -87,7 +88,7 @@ class Huber(Kernel):
 
 @dataclass(frozen=True)
 class Cauchy(Kernel):
-    """Grows with the logarithm of c: an outlier's pull fades, but never wholly."""
+    """Grows with the logarithm of c: an outlier's influence falls, but never to zero."""
 
     phi: float = 1.0
 
@@ -100,7 +101,7 @@ class Cauchy(Kernel):
 
 @dataclass(frozen=True)
 class GemanMcClure(Kernel):
-    """Bounded by phi: an outlier's pull vanishes."""
+    """Bounded by phi: an outlier's influence vanishes."""
 
     def cost(self, chi2: Float) -> Float:
         return np.asarray(self.phi * chi2 / (self.phi + chi2))
@@ -111,7 +112,7 @@ class GemanMcClure(Kernel):
 
 @dataclass(frozen=True)
 class DynamicCovarianceScaling(Kernel):
-    """Bounded by 3 phi, and the plain quadratic up to phi: good loops keep their whole weight."""
+    """Bounded by 3 phi, and the plain quadratic up to phi: good loops keep their full weight."""
 
     def cost(self, chi2: Float) -> Float:
         return np.where(chi2 <= self.phi, chi2, 3.0 * self.phi - 4.0 * self.phi**2 / (self.phi + chi2))
@@ -122,7 +123,7 @@ class DynamicCovarianceScaling(Kernel):
 
 @dataclass(frozen=True)
 class Switchable(Kernel):
-    """A switch s an edge, a variable beside the poses: costs ``s^2 c + phi (1 - s)^2``.
+    """One switch s for each edge, a variable beside the poses; the cost is ``s^2 c + phi (1 - s)^2``.
 
     ``cost`` and ``weight`` are those at the best switches; the optimizer moves the switches themselves.
     """
@@ -146,7 +147,7 @@ class Switchable(Kernel):
 class MaxMixture(Kernel):
     """The likelier of "true" and "false"; ``null_scale``, in (0, 1), scales the information of what is false.
 
-    The less it is, the less what is false pulls, and the fewer true loops find back that drift has parted.
+    The smaller it is, the less false loops pull, and the fewer true loops close that are far off because of drift.
     """
 
     null_scale: float = 1e-6
@@ -170,7 +171,7 @@ class MaxMixture(Kernel):
 
 @dataclass(frozen=True)
 class TruncatedQuadratic(Kernel):
-    """The surrogate of GNC-TLS (Yang et al. 2020): all but convex for mu near 0, the quadratic cut at phi for mu = inf.
+    """The surrogate of GNC-TLS (Yang et al. 2020): almost convex for mu near 0, the quadratic cut at phi for mu = inf.
 
     Up to ``phi mu / (mu + 1)`` an edge counts in full, from ``phi (mu + 1) / mu`` on not at all, and between them it
     costs ``2 sqrt(phi c mu (mu + 1)) - mu (phi + c)``.
@@ -219,9 +220,9 @@ KERNELS: dict[str, type[Kernel]] = {
 
 
 def kernel_of(name: str, phi: float | None = None) -> Kernel | None:
-    """The kernel of that name with its own default of phi, or with the one given; None for "none".
+    """The kernel with this name, with its default phi or the given one; None for "none".
 
-    Raises ``MapmendError`` for a name that is none of ``KERNELS``, and for a phi that cannot be.
+    Raises ``MapmendError`` for a name that is not in ``KERNELS``, and for a phi that is not valid.
     """
     if name == "none":
         return None

@@ -1,4 +1,4 @@
-"""Descents with a robust kernel on some edges: by weights, and by switches that are variables of their own."""
+"""Descents with a robust kernel on some edges: by weights, and by switches as additional variables."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class KernelDescent(Descent):
         self._begin()
 
     def part(self, kept: NDArray[np.bool_]) -> KernelDescent:
-        """The same kernel and poses with the edges ``kept`` alone, shape (m,); each node must still hang on them."""
+        """The same kernel and poses with only the edges ``kept``, shape (m,); they must still connect every node."""
         graph = replace(self.graph.with_edges(kept), poses=self.poses, measurements=self.measurements[kept])
         return KernelDescent(System(graph), graph, self.information[kept], self.kernel, self.doubted[kept])
 
@@ -69,12 +69,12 @@ class KernelDescent(Descent):
 
 
 class SwitchDescent(Descent):
-    """A switch s a doubted edge, moved together with the poses (Suenderhauf and Protzel 2012).
+    """One switch s for each doubted edge, moved together with the poses (Suenderhauf and Protzel 2012).
 
-    The residuals of an edge are ``s sqrt(Omega) e`` and ``sqrt(Xi) (1 - s)`` with Xi = phi. A switch is tied to its own
-    edge and its prior only, so it is eliminated exactly: with ``r = Omega e``, the Schur complement leaves the edge the
-    information ``s^2 (Omega - r r^T / (c + Xi))`` in H and the gradient ``s Xi / (c + Xi) J^T r``. The pattern remains
-    that of the graph, and once the poses' step is known, each switch's own follows from it.
+    The residuals of an edge are ``s sqrt(Omega) e`` and ``sqrt(Xi) (1 - s)`` with Xi = phi. A switch is connected only
+    to its own edge and its prior, so it is eliminated exactly: with ``r = Omega e``, the Schur complement leaves the
+    edge the information ``s^2 (Omega - r r^T / (c + Xi))`` in H and the gradient ``s Xi / (c + Xi) J^T r``. The pattern
+    remains that of the graph, and once the poses' step is known, each switch's own follows from it.
     """
 
     first_damping = LEAST_DAMPING

@@ -1,4 +1,4 @@
-"""Poses along a spanning tree of edges: a start for the optimizer, and the poses of nodes that a file gives none."""
+"""Poses along a spanning tree of edges: a start for the optimizer, and poses for nodes to which a file gives none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mapmend.graph.pose_graph import Float, Int, PoseGraph
 
 
 def poses_along_tree(poses: Float, known: NDArray[np.bool_], edges: Int, measurements: Float, preference: Int) -> Float:
-    """The poses, shape (n, 3), of all nodes that a chain of edges joins to a known one; the others keep theirs.
+    """The poses, shape (n, 3), of all nodes with a chain of edges to a known one; the others keep their poses.
 
     ``known``: bool, shape (n,), the nodes that stay. ``edges`` (m, 2), ``measurements`` (m, 3): as in ``PoseGraph``.
     ``preference``: shape (m,), the rows of the edges, the best first: the tree is the one that takes the best edges.
@@ -49,18 +49,19 @@ def poses_along_tree(poses: Float, known: NDArray[np.bool_], edges: Int, measure
 def best_first(information: Float, is_loop: NDArray[np.bool_], odometry_first: bool = False) -> Int:
     """The rows of the edges by the determinant of their information, shape (m, 3, 3), the greatest first.
 
-    Among edges that are equally good, odometry goes before loops, then what comes first. ``odometry_first``: it does
-    whatever the determinants say.
+    Among equally good edges, odometry comes before loops, then the earlier edge. With ``odometry_first``, odometry
+    comes before loops whatever the determinants are.
     """
     determinants = -np.linalg.slogdet(information)[1]
     return np.lexsort((determinants, is_loop) if odometry_first else (is_loop, determinants))
 
 
 def poses_along_edges(graph: PoseGraph, known: NDArray[np.bool_]) -> Float:
-    """The poses, shape (n, 3), where those of some nodes only are ``known``, bool of shape (n,).
+    """The poses, shape (n, 3), if only those of some nodes are ``known``, bool of shape (n,).
 
-    The other nodes lie along odometry edges wherever these lead, along loop edges only where no odometry does, the best
-    first. A part of the graph without a known pose begins at the origin, with its first fixed node or else its first.
+    The other nodes are placed along odometry edges where possible, and along loop edges only where no odometry leads to
+    them, the best first. A part of the graph without a known pose begins at the origin, with its first fixed node, or
+    otherwise its first node.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -1,7 +1,7 @@
 """Where the optimizer starts: the poses as given, along the odometry, along a spanning tree, or rotations first.
 
-Gauss-Newton finds the optimum in whose valley it starts, and what decides between valleys are the rotations: the
-translations follow from them by a linear system. The chordal start takes the rotations from a linear system too.
+Gauss-Newton finds the optimum in whose valley it starts. The rotations decide which valley this is: the translations
+follow from them by a linear system. The chordal start takes the rotations from a linear system too.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def starting_poses(graph: PoseGraph, start: str, system: System | None = None) -
     """The poses to start from, shape (n, 3); those of the fixed nodes are the graph's own. ``start``: one of STARTS.
 
     ``system``: that of the same edges and fixed nodes, if there is one yet. Raises ``MapmendError`` for other starts,
-    where the graph has no odometry, and for graphs that can't be optimized either.
+    for a graph without odometry if the start is along it, and for graphs that cannot be optimized.
     """
     if start not in STARTS:
         raise MapmendError(f"the start must be one of {', '.join(STARTS)}, got {start!r}")
@@ -77,7 +77,7 @@ def _chained(start: Float, steps: Float) -> Float:
 def along_tree(graph: PoseGraph) -> Float:
     """From the fixed nodes along the tree of the best edges: those with the greatest determinant of the information.
 
-    Among edges that are equally good, odometry goes before loops, then what comes first in the graph.
+    Among equally good edges, odometry comes before loops, then the edge that is earlier in the graph.
     """
     known = np.zeros(len(graph), np.bool_)
     known[list(graph.fixed)] = True
@@ -88,8 +88,8 @@ def along_tree(graph: PoseGraph) -> Float:
 def chordal(graph: PoseGraph, system: System) -> Float:
     """Rotations first, without regard to translations; then the translations that agree best with them.
 
-    A rotation is a point (cos, sin) that may leave its circle: ``sum w |z_j - R_m z_i|^2`` is least where a linear
-    system says, w the information on the angle alone; then each point goes back to its circle (Martinec and Pajdla
+    A rotation is a point (cos, sin) that may leave its circle: a linear system minimizes ``sum w |z_j - R_m z_i|^2``,
+    where w is the information on the angle alone. Then each point is projected back to its circle (Martinec and Pajdla
     2007; Carlone, Tron, Daniilidis and Dellaert 2015, "Initialization techniques for 3D SLAM", chordal relaxation).
     """
     i = graph.edges[:, 0]
@@ -112,11 +112,11 @@ def chordal(graph: PoseGraph, system: System) -> Float:
 
 
 def _least_squares(system: System, known: Float, on_ends: Float, between: Float, pull: Float) -> Float:
-    """The points, shape (n, 2), that solve the equations that each edge has a share in; fixed nodes keep theirs.
+    """The points, shape (n, 2), that solve the sum of the edges' equations; fixed nodes keep theirs.
 
-    The share of an edge: ``on_ends`` on the diagonal at both, ``-between`` in the rows of j and the columns of i, each
-    (m, 2, 2), and on the right side ``pull`` for j and ``-pull`` for i, shape (m, 2). The third unknown of each
-    node stands alone, so that the elimination is that of the graph's own equations.
+    The part of an edge: ``on_ends`` on the diagonal at both ends, ``-between`` in the rows of j and the columns of i,
+    each (m, 2, 2), and on the right side ``pull`` for j and ``-pull`` for i, shape (m, 2). The third unknown of each
+    node is not coupled to any other, so that the elimination of the graph's own equations can be used.
     """
     i, j = system.edges.T
     place_i, place_j = system.places[i], system.places[j]
@@ -128,7 +128,7 @@ def _least_squares(system: System, known: Float, on_ends: Float, between: Float,
     corner = values[:, :2, :2]
     np.add.at(corner, place_i[free_i], on_ends[free_i])
     np.add.at(corner, place_j[free_j], on_ends[free_j])
-    # A block stands by columns, its row is the end that is eliminated later.
+    # A block is stored by columns; its row is the end that is eliminated later.
     later_j = (place_j > place_i)[both, None, None]
     stored = np.where(later_j, np.swapaxes(between[both], 1, 2), between[both])
     np.subtract.at(corner, count + system.elimination.block_of_edge[both], stored)

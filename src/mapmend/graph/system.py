@@ -18,9 +18,9 @@ from mapmend.graph.elimination import Elimination, analyse
 from mapmend.graph.pose_graph import Float, Int, PoseGraph
 from mapmend.parallel import map_in_order
 
-# Below this share of its diagonal entry, a pivot is what rounding left of a subtraction.
+# Below this share of its diagonal entry, a pivot is only the rounding error of a subtraction.
 SMALLEST_PIVOT = 1e-13
-# One layout for all callers: a read-only or a strided array would compile the kernel once more.
+# One memory layout for all callers: Numba would compile the kernel again for a read-only or a strided array.
 KERNEL_ARRAYS: tuple[Literal["C"], Literal["W"]] = ("C", "W")
 
 
@@ -37,7 +37,7 @@ class Linearization:
 class Factorization:
     """``H = L L^T``, the nodes in the order of the elimination; ``lower``: the numbers of L (``Fronts``).
 
-    ``unknowns``: shape (n,), which three rows of H a node has, -1 where it is fixed.
+    ``unknowns``: shape (n,), the index of a node's three rows of H, -1 where it is fixed.
     """
 
     elimination: Elimination
@@ -62,8 +62,8 @@ class System:
     """The pattern of a graph's normal equations, and the elimination that follows the pattern.
 
     Made from the nodes, edges and fixed nodes alone: poses, measurements and information may change between solves.
-    Raises ``MapmendError`` where the pattern leaves a node loose. ``threads`` factorize large systems, subtree beside
-    subtree; the numbers are the same for any number of them.
+    Raises ``MapmendError`` if a node is not connected to a fixed one. ``threads`` factorize large systems, subtrees in
+    parallel; the numbers are the same for any number of threads.
     """
 
     def __init__(self, graph: PoseGraph, threads: int = 1) -> None:
@@ -81,7 +81,7 @@ class System:
 
     @cached_property
     def elimination(self) -> Elimination:
-        """The order and all that follows from it, made when first needed."""
+        """The order of elimination and what follows from it, computed when first needed."""
         return analyse(self.unknowns[self.edges], len(self.nodes), self.threads)
 
     @cached_property
@@ -93,12 +93,12 @@ class System:
 
     @cached_property
     def _work(self) -> Float:
-        """Room for the updates, the same for every factorization."""
+        """Memory for the updates, the same for every factorization."""
         return np.empty(self.elimination.work_size)
 
     @cached_property
     def _lower(self) -> Float:
-        """Room for a factor that is used once."""
+        """Memory for a factor that is used once."""
         return np.empty(self.elimination.lower_size)
 
     def matches(self, graph: PoseGraph) -> bool:
@@ -110,7 +110,7 @@ class System:
     ) -> Linearization:
         """The normal equations at ``poses``, shape (n, 3); a robust weight is a factor on the (m, 3, 3) information.
 
-        ``into``: one that is not needed any more, whose memory is taken again.
+        ``into``: normal equations that are no longer needed; their memory is reused.
         """
         from mapmend.graph import _kernels
 
@@ -136,16 +136,16 @@ class System:
         return _kernels.move(poses, self.nodes, np.require(step, np.float64, KERNEL_ARRAYS))
 
     def factorize(self, values: Float, damping: float = 0.0) -> Factorization:
-        """L of ``H + damping * diag(H)``; one at a time, for the room that it takes meanwhile is the system's own.
+        """L of ``H + damping * diag(H)``; not thread-safe, because it uses memory of the system.
 
-        Raises ``MapmendError`` where a pivot is not positive, or so small that only rounding is left of it.
+        Raises ``MapmendError`` if a pivot is not positive, or so small that it is only rounding error.
         """
         return self._factorize(values, damping, np.empty(self.elimination.lower_size))
 
     def solve(self, values: Float, right_side: Float, damping: float = 0.0) -> Float:
-        """What ``factorize(values, damping).solve(right_side)`` gives, in memory that the next call takes again.
+        """The result of ``factorize(values, damping).solve(right_side)``, in memory that the next call reuses.
 
-        New memory costs more than the numbers that go into it: the machine clears it page by page.
+        New memory takes more time than the numbers that are written into it: the system clears it page by page.
         """
         return self._factorize(values, damping, self._lower).solve(right_side)
 
