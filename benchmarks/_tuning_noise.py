@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.consistency.measure import measure_at
-from mapmend.consistency.visibility import build_views, laser_places
+from mapmend.consistency.visibility import view_scans
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import map_in_order
 from mapmend.tuning import dcs
@@ -27,18 +27,17 @@ STRETCHES = 30
 
 def differences(start: PoseGraph, poses: list[Float], threads: int) -> list[tuple[float, float]]:
     """M of each map over that of the first one, less 1, and the standard error by the jackknife."""
-    scans, rows = start.scans, np.arange(len(start))
-    assert scans is not None
-    views = build_views(scans, start.poses, dcs.DEFAULT_CONFIG.consistency)
-    sample = PairSample(scans, views, STRIDE)
+    assert start.scans is not None
+    views = view_scans(start.scans, dcs.DEFAULT_CONFIG.consistency)
+    sample = PairSample(views, STRIDE)
     sample.list_pairs(poses)
     pairs = sample.pairs
-    stretch = rows * STRETCHES // len(rows)
+    stretch = np.arange(len(start)) * STRETCHES // len(start)
     touched = stretch[pairs]
 
     def work(pose: Float) -> Float:
         """The sum of M_ij over all pairs, and that over those of one stretch and any other, (1 + STRETCHES,)."""
-        values = measure_at(views, pairs, pairs, laser_places(scans, rows, pose), NO_DROP)[:, 1]
+        values = measure_at(views, pairs, pairs, views.lasers_at(pose), NO_DROP)[:, 1]
         of_either = np.bincount(touched[:, 0], values, STRETCHES) + np.bincount(touched[:, 1], values, STRETCHES)
         within = touched[:, 0] == touched[:, 1]
         of_both = np.bincount(touched[within, 0], values[within], STRETCHES)

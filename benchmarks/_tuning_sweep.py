@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.consistency.measure import measure_at
-from mapmend.consistency.visibility import Views, build_views, laser_places
+from mapmend.consistency.views import ScanViews
+from mapmend.consistency.visibility import view_scans
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import map_in_order
 from mapmend.tuning import dcs
@@ -55,38 +56,36 @@ def sweep(start: PoseGraph, threads: int, whole: bool = False) -> tuple[dict[str
     solved = solve(start, "dcs", (roots**2).tolist(), threads=threads)
     found = [s for s in solved if isinstance(s, Solution)]
     assert start.scans is not None
-    views = build_views(start.scans, start.poses, dcs.DEFAULT_CONFIG.consistency)
+    views = view_scans(start.scans, dcs.DEFAULT_CONFIG.consistency)
     left, stages, errors = np.arange(len(found)), [], []
     stride = FIRST_STRIDE
     while len(left) > FEW and stride > 1:
-        seen = differences(start, views, [found[k].poses for k in left], stride, threads)
+        seen = differences(views, [found[k].poses for k in left], stride, threads)
         stages.append([stride, len(left)])
         errors.append((left, seen))
         stays = seen.less_m - SURE * seen.error_m <= -MARGIN * seen.sum_m
         stays[seen.best] = True
         left = left[stays]
         stride //= NARROWING
-    sums = {int(k): sum_over_all(start, found[k].poses, threads) for k in left}
+    sums = {int(k): sum_over_all(views, found[k].poses, threads) for k in left}
     least = min(sums, key=lambda k: sums[k])
     row = {"sweep_phi": found[least].phi, "sweep_sum_m": sums[least], "stages": [*stages, [1, len(left)]]}
     if whole:
-        whole_m = over_all(start, views, [s.poses for s in found], sums[least], threads)
+        whole_m = over_all(views, [s.poses for s in found], sums[least], threads)
         row |= {"whole_phi": found[int(np.argmin(whole_m.sum_m))].phi, "whole_sum_m": float(whole_m.sum_m.min())}
         row |= {"whole_curve": whole_m.sum_m.tolist(), "whole_bound": float(whole_m.bound_m.max()) / sums[least]}
         row["farthest"] = [farthest(stage, whole_m.sum_m) for stage in errors]
     return row, found
 
 
-def differences(start: PoseGraph, views: Views, poses: list[Float], stride: int, threads: int) -> Differences:
+def differences(views: ScanViews, poses: list[Float], stride: int, threads: int) -> Differences:
     """Every map's M over every ``stride``-th pair beside the best one's, as sums over all pairs."""
-    assert start.scans is not None
-    scans, rows = start.scans, np.arange(len(start))
-    sample = PairSample(scans, views, stride)
+    sample = PairSample(views, stride)
     sample.list_pairs(poses)
     pairs = sample.pairs
 
     def work(pose: Float) -> Float:
-        return measure_at(views, pairs, pairs, laser_places(scans, rows, pose), NO_DROP)[:, 1].astype(np.float32)
+        return measure_at(views, pairs, pairs, views.lasers_at(pose), NO_DROP)[:, 1].astype(np.float32)
 
     values = np.stack(map_in_order(work, poses, threads))
     sums = values.sum(axis=1, dtype=np.float64)
@@ -104,15 +103,14 @@ def farthest(stage: tuple[NDArray[np.int64], Differences], sums_m: Float) -> flo
     return float(np.max(np.abs(seen.less_m - true)[matters] / seen.error_m[matters])) if matters.any() else 0.0
 
 
-def over_all(start: PoseGraph, views: Views, poses: list[Float], least_m: float, threads: int) -> Evaluation:
+def over_all(views: ScanViews, poses: list[Float], least_m: float, threads: int) -> Evaluation:
     """The sum over all pairs of every map, but for what moves can't have changed by more than WHOLE_WITHIN of M."""
-    assert start.scans is not None
-    sample = PairSample(start.scans, views, 1)
+    sample = PairSample(views, 1)
     sample.list_pairs(poses, threads)
     return sample.evaluate(poses, WHOLE_WITHIN * least_m / len(sample.pairs), threads=threads)
 
 
-def sum_over_all(start: PoseGraph, poses: Float, threads: int) -> float:
+def sum_over_all(views: ScanViews, poses: Float, threads: int) -> float:
     """The sum of M_ij over all pairs of scans of a map, metres."""
-    measure_m, overlapping = dcs.average_measure(start.with_poses(poses), threads=threads)
+    measure_m, overlapping = dcs.average_measure(views.placed(poses), threads=threads)
     return measure_m * overlapping

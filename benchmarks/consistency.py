@@ -29,7 +29,8 @@ from mapmend.consistency.check import CheckResult, check
 from mapmend.consistency.measure import measure, measure_pairs
 from mapmend.consistency.pairs import find_overlaps
 from mapmend.consistency.scale import odometry_map
-from mapmend.consistency.visibility import Views, build_views
+from mapmend.consistency.views import PlacedViews
+from mapmend.consistency.visibility import view_scans
 from mapmend.errors import MapmendError
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.reader import read
@@ -79,13 +80,13 @@ def speed(options: argparse.Namespace) -> None:
     rows = []
     for name in GRAPHS:
         graph = scan_graph(options.data, name)
-        views = build_views(graph.scans or stop("no scans"), graph.poses, CONFIG)
+        views = view_scans(graph.scans or stop("no scans"), CONFIG).placed(graph.poses)
         measure_pairs(views, CONFIG.min_points, DROP, options.threads)
         seconds = [timed(partial(measure_pairs, views, CONFIG.min_points, DROP, options.threads)) for _ in range(3)]
         whole = timed(partial(check, graph, CONFIG, threads=options.threads))
-        overlaps = find_overlaps(views.boxes)
+        overlaps = find_overlaps(views.boxes())
         direct, ours = direct_seconds(views, overlaps.listed(0, len(views)))
-        beams = len(views.points) / len(views)
+        beams = len(views.scans.points) / len(views)
         each = 2.0 * overlaps.total / len(views)
         cells = (f"{len(views)}", f"{each:.1f}", f"{beams:.0f}", f"{overlaps.total}")
         spent = (f"{statistics.median(seconds):.2f}", f"{whole:.2f}")
@@ -94,23 +95,25 @@ def speed(options: argparse.Namespace) -> None:
     print(markdown(head, rows))
 
 
-def direct_seconds(views: Views, pairs: NDArray[np.int64]) -> tuple[float, float]:
+def direct_seconds(views: PlacedViews, pairs: NDArray[np.int64]) -> tuple[float, float]:
     """Seconds a pair by the definition and by us, one thread each, on the same pairs; stops where the two differ.
 
     Both give n_ij and M_ij and no more: nothing is dropped.
 
     The pairs are runs of neighbouring rows of Psi, as it is worked through, spread over all of it.
     """
-    counts = np.where(np.diff(views.corner_offsets) > 0, views.beams.counts[views.laser_of], 0)
-    own = np.arange(len(views.corners[0])) - np.repeat(views.corner_offsets[:-1], np.diff(views.corner_offsets))
-    corners = views.corners[:2, own < np.repeat(counts, np.diff(views.corner_offsets))].T.copy()
+    seen = views.scans
+    stored = np.diff(seen.corner_offsets)
+    counts = np.where(stored > 0, seen.beams.counts[seen.laser_of], 0)
+    own = np.arange(len(seen.corners[0])) - np.repeat(seen.corner_offsets[:-1], stored)
+    corners = seen.corners[:2, own < np.repeat(counts, stored)].T.copy()
     offsets = np.concatenate(([0], np.cumsum(counts)))
     first = np.linspace(0, len(pairs) - DIRECT_PAIRS, DIRECT_RUNS).astype(np.int64)
     direct, ours = [], []
     for begin in first:
         run = pairs[begin : begin + DIRECT_PAIRS]
         out = np.zeros((len(run), 2))
-        arguments = (corners, offsets, views.points, views.point_offsets, views.lasers, out)
+        arguments = (corners, offsets, seen.points, seen.point_offsets, views.lasers, out)
         measure_directly(run[:1], *arguments)
         direct.append(timed(partial(measure_directly, run, *arguments)))
         ours.append(statistics.median(timed(partial(measure, views, run)) for _ in range(3)))
@@ -128,7 +131,7 @@ def growth(options: argparse.Namespace) -> None:
         graph = in_rows(pieces, count)
         assert graph.scans is not None
         began = time.perf_counter()
-        views = build_views(graph.scans, graph.poses, CONFIG)
+        views = view_scans(graph.scans, CONFIG).placed(graph.poses)
         measures = measure_pairs(views, CONFIG.min_points, DROP, options.threads)
         seconds = time.perf_counter() - began
         per_pair = f"{1e6 * seconds / max(measures.overlapping, 1):.2f}"

@@ -29,7 +29,7 @@ from _tuning_sweep import MARGIN, VALUES, sweep
 from numpy.typing import NDArray
 
 from mapmend.consistency.check import check
-from mapmend.consistency.visibility import build_views
+from mapmend.consistency.visibility import view_scans
 from mapmend.evaluation.relations import relation_errors
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.pose_graph import PoseGraph
@@ -210,12 +210,12 @@ def shortcut_table(options: argparse.Namespace) -> str:
             start = spoiled(options.data, Case(name, "random", count, "odometry", 0))
             solutions = solve(start, "dcs", [r * r for r in grid_roots()], threads=options.threads)
             poses = [s.poses for s in solutions if isinstance(s, Solution)]
-            views = build_views(scans_of(start), start.poses, dcs.DEFAULT_CONFIG.consistency)
-            stride = 1 if options.all_pairs else dcs.sample_of(start, views).stride
-            whole = PairSample(scans_of(start), views, stride)
+            views = view_scans(scans_of(start), dcs.DEFAULT_CONFIG.consistency)
+            stride = 1 if options.all_pairs else dcs.sample_of(views.placed(start.poses)).stride
+            whole = PairSample(views, stride)
             plain, *spent = timed(whole, poses, -1.0, options.threads)
             rows.append((f"{name}, {count} false loops", "no", *cells(whole, plain, plain, spent)))
-            sample = PairSample(scans_of(start), views, stride)
+            sample = PairSample(views, stride)
             limit = dcs.TOLERANCE * float(plain.sum_m.min()) / len(whole.pairs)
             found, *spent = timed(sample, poses, limit, options.threads)
             rows.append((f"{name}, {count} false loops", "yes", *cells(sample, found, plain, spent)))

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.cascade import judge_pairs, judge_scans, map_p_value, survival
-from mapmend.consistency.measure import PairMeasures
+from mapmend.consistency.measure import PairMeasures, measure_pairs
 from mapmend.consistency.scale import (
     HALF_NORMAL_MEAN,
     HALF_NORMAL_STD,
@@ -20,6 +20,7 @@ from mapmend.consistency.scale import (
     odometry_map,
     pair_scales,
 )
+from mapmend.consistency.visibility import view_scans
 from mapmend.geometry import se2
 from tests.consistency.scenes import graph_of, room_graph
 from tests.reference.consistency_cascade import binomial_tail, most_failures
@@ -151,12 +152,9 @@ def test_odometry_edges_may_point_backwards_and_chains_be_several():
 
 def test_all_pairs_along_the_odometry_pass_at_their_own_scales():
     graph = room_graph(24)
-    scales = estimate_scales(graph, CONFIG)
+    scales = estimate_scales(view_scans(graph.scans, CONFIG), odometry_map(graph), CONFIG)
     config = ConsistencyConfig(pair_level=CONFIG.scale_level, least_inflation=1.0, most_inflation=1.0)
-    from mapmend.consistency.measure import measure_pairs
-    from mapmend.consistency.visibility import build_views
-
-    views = build_views(graph.scans, odometry_map(graph).poses, config)
+    views = view_scans(graph.scans, config).placed(odometry_map(graph).poses)
     measures = measure_pairs(views, drop=(config.drop_points, config.drop_share))
     near = measures.pairs[:, 1] - measures.pairs[:, 0] <= config.neighbours
     tests = judge_pairs(measures, scales, config)

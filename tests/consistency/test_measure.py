@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.measure import measure, measure_pairs
 from mapmend.consistency.pairs import find_overlaps
-from mapmend.consistency.visibility import build_views
+from mapmend.consistency.visibility import view_scans
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
 from mapmend.io.reader import read
@@ -25,7 +25,7 @@ BOTH = np.array([(0, 1)])
 
 def measured(scans, poses, config=CONFIG):
     """n_ij and M_ij of scans 0 and 1."""
-    n, total, *_ = measure(build_views(scans, np.asarray(poses, dtype=np.float64), config), BOTH)[0]
+    n, total, *_ = measure(view_scans(scans, config).placed(np.asarray(poses, dtype=np.float64)), BOTH)[0]
     return n, total
 
 
@@ -44,8 +44,8 @@ def test_the_measure_is_that_of_the_definition(seed, first, second):
 @pytest.mark.parametrize("name", ["intel.toro.gz", "fr079.toro.gz"])
 def test_the_measure_is_that_of_the_definition_on_real_scans(name):
     graph = read(data_path(f"scangraphs/{name}"))
-    views = build_views(graph.scans, graph.poses, CONFIG)
-    pairs = find_overlaps(views.boxes).listed(0, 200)
+    views = view_scans(graph.scans, CONFIG).placed(graph.poses)
+    pairs = find_overlaps(views.boxes()).listed(0, 200)
     pairs = pairs[np.random.default_rng(1).choice(len(pairs), 8, replace=False)]
     for (i, j), (n, total, *_) in zip(pairs, measure(views, pairs), strict=True):
         expected_n, expected, _ = plain.pair_measure(graph.scans, graph.poses, i, j, CONFIG)
@@ -56,7 +56,7 @@ def test_the_measure_is_that_of_the_definition_on_real_scans(name):
 def test_the_largest_depths_are_left_out():
     graph = room_graph()
     poses = graph.poses + np.where(np.arange(12)[:, None] == 11, (0.3, 0.0, 0.0), 0.0)
-    views = build_views(graph.scans, poses, CONFIG)
+    views = view_scans(graph.scans, CONFIG).placed(poses)
     _, _, distances = plain.pair_measure(graph.scans, poses, 0, 11, CONFIG)
     for drop, left_out in (
         ((10, 0.0), 10),
@@ -165,7 +165,7 @@ def test_all_boxes_that_overlap_are_found(seed, count, spread):
 
 def test_the_same_bytes_for_any_number_of_threads():
     graph = room_graph(60)
-    views = build_views(graph.scans, graph.poses, CONFIG)
+    views = view_scans(graph.scans, CONFIG).placed(graph.poses)
     one, four = (measure_pairs(views, 5, (10, 0.1), threads) for threads in (1, 4))
     for name in ("pairs", "points", "measure_m", "kept", "kept_m"):
         np.testing.assert_array_equal(getattr(one, name), getattr(four, name))
@@ -174,31 +174,30 @@ def test_the_same_bytes_for_any_number_of_threads():
 
 def test_a_scan_without_beams_overlaps_with_nothing():
     scans = scans_of((HALF_CIRCLE,) * 3, [np.full(60, 2.0), [], np.full(60, 2.0)])
-    views = build_views(scans, np.zeros((3, 3)), CONFIG)
+    views = view_scans(scans, CONFIG).placed(np.zeros((3, 3)))
     assert measure_pairs(views).pairs.tolist() == [[0, 2]]
 
 
 def test_lasers_that_see_nothing_between_their_beams_are_refused():
     scans = scans_of((LaserGeometry(2, 0.0, 3.2, 20.0),), [(1.0, 1.0)])
     with pytest.raises(MapmendError, match="apart"):
-        build_views(scans, np.zeros((1, 3)), CONFIG)
+        view_scans(scans, CONFIG)
 
 
 def test_marked_points_are_those_that_lie_so_deep():
     from mapmend.consistency import _kernels
-    from mapmend.consistency.measure import kernel_views
 
     graph = room_graph(6)
     poses = graph.poses + np.arange(6)[:, None] * np.array([0.1, 0.0, 0.0])
-    views = build_views(graph.scans, poses, CONFIG)
+    views = view_scans(graph.scans, CONFIG).placed(poses)
     pairs, least = np.array([(0, 5), (2, 3)]), np.array([0.05, 0.02])
-    marks = np.zeros(len(views.points), np.int64)
-    _kernels.mark_points(pairs, least, *kernel_views(views), marks)
-    expected = np.zeros(len(views.points), np.int64)
+    marks = np.zeros(len(views.scans.points), np.int64)
+    _kernels.mark_points(pairs, least, *views.for_kernels(), marks)
+    expected = np.zeros(len(views.scans.points), np.int64)
     for (i, j), depth in zip(pairs.tolist(), least, strict=True):
         for a, b in ((i, j), (j, i)):
             polygon = plain.visibility_polygon(graph.scans.ranges_of(a), graph.scans.geometry_of(a), poses[a], CONFIG)
-            rows = range(views.point_offsets[b], views.point_offsets[b + 1])
+            rows = range(views.scans.point_offsets[b], views.scans.point_offsets[b + 1])
             for row, point in zip(rows, views.points_in_map()[rows.start : rows.stop], strict=True):
                 distances = plain.inconsistency_distances([point], polygon)
                 expected[row] += bool(distances) and distances[0] >= depth
@@ -211,7 +210,7 @@ def test_no_polygon_reaches_farther_in_a_sector_than_is_noted(geometry):
     from mapmend.consistency import _kernels
 
     rng = np.random.default_rng(5)
-    views = build_views(scans_of((geometry,), [random_readings(rng, geometry.beam_count)]), np.zeros((1, 3)), CONFIG)
+    views = view_scans(scans_of((geometry,), [random_readings(rng, geometry.beam_count)]), CONFIG)
     polygon = views.corners[:2, : views.beams.counts[0]].T
     limits, wide = views.limits.sectors[0], views.limits.wide_sectors[0]
     for begin, end in plain.sides(polygon):
@@ -248,7 +247,7 @@ def test_groups_hold_all_points_within_their_circles(seed):
 
     rng = np.random.default_rng(seed)
     scans = scans_of(LASERS, [random_readings(rng, g.beam_count) for g in LASERS])
-    views = build_views(scans, np.zeros((len(LASERS), 3)), CONFIG)
+    views = view_scans(scans, CONFIG)
     limits = views.limits
     np.testing.assert_array_equal(limits.group_rows[limits.group_offsets], views.point_offsets)
     sizes = np.diff(limits.group_rows)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mapmend.config import ConsistencyConfig
-from mapmend.consistency.visibility import build_views
+from mapmend.consistency.visibility import view_scans
 from mapmend.geometry import se2
 from mapmend.lab.haehnel import CELL_M, count_over_grids, log_likelihoods
 from tests.consistency.scenes import room_graph
@@ -14,23 +14,25 @@ CONFIG = ConsistencyConfig()
 
 def test_counts_are_those_of_the_plain_grid():
     graph = room_graph(10)
-    views = build_views(graph.scans, graph.poses, CONFIG)
+    views = view_scans(graph.scans, CONFIG).placed(graph.poses)
     pairs = np.array([(0, 3), (0, 8), (2, 5)])
-    rays = views.beams.rays[0, : views.beams.counts[0]]
+    seen = views.scans
+    rays = seen.beams.rays[0, : seen.beams.counts[0]]
     for (i, j), got in zip(pairs, count_over_grids(views, pairs), strict=True):
-        begin = views.corner_offsets[i]
-        reaches = np.hypot(*views.corners[:2, begin : begin + len(rays)])
-        ends = [views.points[views.point_offsets[k] : views.point_offsets[k + 1]] for k in (i, j)]
+        begin = seen.corner_offsets[i]
+        reaches = np.hypot(*seen.corners[:2, begin : begin + len(rays)])
+        ends = [seen.points[seen.point_offsets[k] : seen.point_offsets[k + 1]] for k in (i, j)]
         cells = plain.grid_of(reaches, rays, ends[0], CELL_M)
-        seen = se2.transform_points(se2.between(graph.poses[i], graph.poses[j]), ends[1])
-        assert got.tolist() == list(plain.counts_over(cells, seen, CELL_M))
+        placed = se2.transform_points(se2.between(graph.poses[i], graph.poses[j]), ends[1])
+        assert got.tolist() == list(plain.counts_over(cells, placed, CELL_M))
 
 
 def test_a_double_wall_is_less_likely():
     graph = room_graph(40)
-    right = log_likelihoods(build_views(graph.scans, graph.poses, CONFIG))
+    views = view_scans(graph.scans, CONFIG)
+    right = log_likelihoods(views.placed(graph.poses))
     poses = graph.poses.copy()
     poses[20:, 0] += 0.4
-    wrong = log_likelihoods(build_views(graph.scans, poses, CONFIG), threads=2)
+    wrong = log_likelihoods(views.placed(poses), threads=2)
     assert wrong.mean.mean() < right.mean.mean() - 0.1
     assert right.mean.max() <= np.log(0.9) + 1e-12

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import mapmend
-from mapmend.consistency.check import check
+from mapmend.consistency.check import judge_map
 from mapmend.consistency.measure import measure_pairs
-from mapmend.consistency.visibility import build_views
+from mapmend.consistency.visibility import view_scans
 from mapmend.errors import MapmendError
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.robust import KERNELS, kernel_of
@@ -29,6 +29,11 @@ def farthest_m(poses, graph):
     return np.hypot(*(poses - graph.poses)[:, :2].T).max()
 
 
+def average_measure(graph):
+    """M of the map as it stands, metres, and the number of pairs that overlap."""
+    return dcs.average_measure(view_scans(graph.scans, dcs.DEFAULT_CONFIG.consistency).placed(graph.poses))
+
+
 def test_false_loops_are_switched_off_and_the_map_is_right(tuned):
     graph, is_false, result = tuned
     assert set(np.flatnonzero(is_false)) <= set(result.switched_off)
@@ -44,8 +49,8 @@ def test_no_value_of_a_dense_sweep_is_better_by_more_than_a_hundredth(tuned):
     graph, _, result = tuned
     roots = np.linspace(0.0, 4.0, 41)
     found = solve(graph.with_poses(along_odometry(graph)), "dcs", (roots**2).tolist())
-    views = [build_views(graph.scans, s.poses, dcs.DEFAULT_CONFIG.consistency) for s in found]
-    least = min(measure_pairs(v).measure_m.sum() for v in views)
+    views = view_scans(graph.scans, dcs.DEFAULT_CONFIG.consistency)
+    least = min(measure_pairs(views.placed(s.poses)).measure_m.sum() for s in found)
     assert result.measure_m * result.overlapping <= 1.01 * least
 
 
@@ -59,7 +64,7 @@ def test_the_result_says_what_it_is(tuned):
     assert result.curve_m.min() == pytest.approx(result.measure_m, rel=1e-3)
     assert result.measure_at(0.0) > 1.5 * result.measure_m
     assert result.measure_at(0.123) is None
-    assert (result.measure_m, result.overlapping) == dcs.average_measure(result.graph)
+    assert (result.measure_m, result.overlapping) == average_measure(result.graph)
     again = optimize(graph.with_poses(along_odometry(graph)), kernel=kernel_of("dcs", result.phi))
     np.testing.assert_allclose(result.graph.poses, again.poses, atol=1e-12)
     np.testing.assert_array_equal(result.edge_weights, again.edge_weights)
@@ -104,14 +109,14 @@ def test_where_no_phi_helps_the_verdict_says_so():
 
 
 def with_verdicts(monkeypatch, accepts):
-    """Lets ``check`` accept the maps that ``accepts`` does, and no other."""
+    """Lets the check accept the maps that ``accepts`` does, and no other."""
 
     def judged(graph, *args, **options):
         return replace(
-            check(graph, *args, **options), consistent=accepts(graph), p_value=0.5 if accepts(graph) else 0.0
+            judge_map(graph, *args, **options), consistent=accepts(graph), p_value=0.5 if accepts(graph) else 0.0
         )
 
-    monkeypatch.setattr(dcs, "check", judged)
+    monkeypatch.setattr(dcs, "judge_map", judged)
 
 
 def test_where_the_map_of_least_m_fails_the_lowest_valley_whose_map_passes_is_taken(monkeypatch):
@@ -126,7 +131,7 @@ def test_where_the_map_of_least_m_fails_the_lowest_valley_whose_map_passes_is_ta
     assert [checked.consistent for checked in other.verdicts] == [False, True]
     assert other.verdicts[1].phi == other.phi
     assert other.verdicts[1].measure_m == pytest.approx(other.measure_m) == other.measure_at(other.phi)
-    assert (other.measure_m, other.overlapping) == dcs.average_measure(other.graph)
+    assert (other.measure_m, other.overlapping) == average_measure(other.graph)
     # It is a minimum of its own: M rises in between.
     low, high = sorted((other.phi, other.least_phi))
     between = other.curve_m[(other.curve_phi > low) & (other.curve_phi < high)]

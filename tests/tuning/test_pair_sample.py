@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.measure import measure, measure_pairs
-from mapmend.consistency.visibility import build_views, laser_places
+from mapmend.consistency.visibility import view_scans
 from mapmend.tuning import _kernels
 from mapmend.tuning.pair_sample import PairSample, view_circles
 from tests.consistency.scenes import LASERS, random_readings, room_graph, scans_of
@@ -32,16 +32,16 @@ def all_pairs(n):
 def test_no_measure_changes_by_more_than_the_bound(seed, size):
     rng, scans, poses = scattered(seed)
     moved = poses + size * rng.standard_normal(poses.shape)
-    before, after = build_views(scans, poses, CONFIG), build_views(scans, moved, CONFIG)
+    views = view_scans(scans, CONFIG)
+    before, after = views.placed(poses), views.placed(moved)
     pairs = all_pairs(len(scans))
-    sample = PairSample(scans, before, 1)
+    sample = PairSample(views, 1)
     kept, now = np.full((len(pairs), 4), np.nan), np.empty((len(pairs), 4))
     bounds = np.empty(len(pairs))
-    rows = np.arange(len(scans))
-    _kernels.change_bounds(pairs, laser_places(scans, rows, poses), sample.sums, kept, now, bounds)
+    _kernels.change_bounds(pairs, before.lasers, sample.sums, kept, now, bounds)
     assert np.isinf(bounds).all()
     kept = now.copy()
-    _kernels.change_bounds(pairs, laser_places(scans, rows, moved), sample.sums, kept, now, bounds)
+    _kernels.change_bounds(pairs, after.lasers, sample.sums, kept, now, bounds)
     change = np.abs(measure(after, pairs)[:, 1] - measure(before, pairs)[:, 1])
     assert np.all(change <= bounds * (1.0 + 1e-9) + 1e-9)
     # A bound that says nothing would do too: this one is the points' motion.
@@ -53,9 +53,9 @@ def test_no_measure_changes_by_more_than_the_bound(seed, size):
 @settings(max_examples=30, deadline=None)
 def test_pairs_whose_circles_are_apart_have_nothing_in_common(seed):
     _, scans, poses = scattered(seed, spread_m=12.0)
-    views = build_views(scans, poses, CONFIG)
+    views = view_scans(scans, CONFIG).placed(poses)
     pairs = all_pairs(len(scans))
-    circles, lasers = view_circles(views), views.lasers[None]
+    circles, lasers = view_circles(views.scans), views.lasers[None]
     centres = np.empty((1, len(scans), 2))
     _kernels.place_circles(lasers, circles, centres)
     apart = np.hypot(*(centres[0, pairs[:, 0]] - centres[0, pairs[:, 1]]).T) > circles[pairs, 2].sum(axis=1)
@@ -77,7 +77,8 @@ def wobbling(graph, maps, step_m):
 
 
 def exact_sums(graph, poses):
-    return np.array([measure_pairs(build_views(graph.scans, p, CONFIG)).measure_m.sum() for p in poses])
+    views = view_scans(graph.scans, CONFIG)
+    return np.array([measure_pairs(views.placed(p)).measure_m.sum() for p in poses])
 
 
 ROUNDING_M = 1e-9
@@ -87,7 +88,7 @@ ROUNDING_M = 1e-9
 def test_without_tolerance_the_sums_are_those_of_all_pairs(tolerance_m):
     graph = room_graph(30)
     poses = wobbling(graph, 5, 0.05)
-    sample = PairSample(graph.scans, build_views(graph.scans, graph.poses, CONFIG), 1)
+    sample = PairSample(view_scans(graph.scans, CONFIG), 1)
     found = sample.evaluate(poses, tolerance_m)
     np.testing.assert_allclose(found.sum_m, exact_sums(graph, poses), rtol=1e-9)
     # Of two scans on one side of the displaced node, neither moved relative to the other.
@@ -97,7 +98,7 @@ def test_without_tolerance_the_sums_are_those_of_all_pairs(tolerance_m):
 def test_with_a_tolerance_fewer_are_measured_and_the_sums_stay_within_the_bound():
     graph = room_graph(30)
     poses = wobbling(graph, 8, 0.0002)
-    sample = PairSample(graph.scans, build_views(graph.scans, graph.poses, CONFIG), 1)
+    sample = PairSample(view_scans(graph.scans, CONFIG), 1)
     found = sample.evaluate(poses, 0.05)
     off = np.abs(found.sum_m - exact_sums(graph, poses))
     assert np.all(off <= found.bound_m + 1e-9)
@@ -109,7 +110,7 @@ def test_with_a_tolerance_fewer_are_measured_and_the_sums_stay_within_the_bound(
 def test_pairs_are_remembered_from_call_to_call():
     graph = room_graph(30)
     poses = wobbling(graph, 3, 0.05)
-    sample = PairSample(graph.scans, build_views(graph.scans, graph.poses, CONFIG), 1)
+    sample = PairSample(view_scans(graph.scans, CONFIG), 1)
     first = sample.evaluate(poses, ROUNDING_M)
     again = sample.evaluate([poses[-1]], ROUNDING_M)
     assert again.measured == 0
@@ -118,8 +119,8 @@ def test_pairs_are_remembered_from_call_to_call():
 
 def test_a_sample_holds_its_share_of_all_pairs_evenly():
     graph = room_graph(120)
-    views = build_views(graph.scans, graph.poses, CONFIG)
-    whole, part = PairSample(graph.scans, views, 1), PairSample(graph.scans, views, 8)
+    views = view_scans(graph.scans, CONFIG)
+    whole, part = PairSample(views, 1), PairSample(views, 8)
     all_of_them = whole.evaluate([graph.poses], -1.0)
     some = part.evaluate([graph.poses], -1.0)
     assert len(part.pairs) == pytest.approx(len(whole.pairs) / 8, rel=0.1)
@@ -132,7 +133,7 @@ def test_the_same_for_any_number_of_threads():
     poses = wobbling(graph, 4, 0.001)
     results = []
     for threads in (1, 3):
-        sample = PairSample(graph.scans, build_views(graph.scans, graph.poses, CONFIG), 1)
+        sample = PairSample(view_scans(graph.scans, CONFIG), 1)
         results.append(sample.evaluate(poses, 0.01, threads=threads))
     np.testing.assert_array_equal(results[0].sum_m, results[1].sum_m)
     np.testing.assert_array_equal(results[0].bound_m, results[1].bound_m)

@@ -66,7 +66,7 @@ def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
     return {
         "consistent": result.consistent,
         "p_value": result.p_value,
-        "scans": int(np.count_nonzero(np.diff(result.views.corner_offsets))),
+        "scans": int(np.count_nonzero(np.diff(result.views.scans.corner_offsets))),
         "scans_tested": int(np.count_nonzero(result.scans.tested)),
         "scans_inconsistent": int(np.count_nonzero(result.scans.failed)),
         "pairs": len(result.pairs.pairs),

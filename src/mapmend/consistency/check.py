@@ -11,9 +11,10 @@ from mapmend.config import ConsistencyConfig
 from mapmend.consistency.cascade import PairTests, ScanTests, judge_pairs, judge_scans, map_p_value
 from mapmend.consistency.measure import measure_pairs
 from mapmend.consistency.regions import Region, contradicting_points, find_regions
-from mapmend.consistency.scale import estimate_scales, odometry_map, pair_scales, sensor_scales
+from mapmend.consistency.scale import OdometryMap, estimate_scales, odometry_map, pair_scales, sensor_scales
 from mapmend.consistency.suspects import suspect_loops
-from mapmend.consistency.visibility import Views, build_views
+from mapmend.consistency.views import PlacedViews, ScanViews
+from mapmend.consistency.visibility import view_scans
 from mapmend.errors import MapmendError
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import Progress, no_progress
@@ -21,6 +22,20 @@ from mapmend.parallel import Progress, no_progress
 Float = NDArray[np.float64]
 
 DEFAULT_CONFIG = ConsistencyConfig()
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What a check needs to know of a graph and does not depend on where the optimizer has its nodes.
+
+    ``views``: what the scans saw. ``laid``: the odometry edges laid end to end. ``scales_m``: (n,), each node's.
+    ``notes``: what had to be assumed.
+    """
+
+    views: ScanViews
+    laid: OdometryMap
+    scales_m: Float
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -34,7 +49,7 @@ class CheckResult:
 
     consistent: bool
     p_value: float
-    views: Views
+    views: PlacedViews
     scales_m: Float
     overlapping: int
     pairs: PairTests
@@ -57,6 +72,14 @@ def check(
 
     Raises MapmendError for a graph with fewer than two scans, or none that see anything in common.
     """
+    basis = basis_of(graph, config, threads=threads, progress=progress)
+    return judge_map(graph, basis, config, threads=threads, progress=progress)
+
+
+def basis_of(
+    graph: PoseGraph, config: ConsistencyConfig, *, threads: int = 1, progress: Progress = no_progress
+) -> Basis:
+    """The basis on which maps of the graph are judged, at whatever poses; raises MapmendError as `check` does."""
     scans = graph.scans
     with_scans = 0 if scans is None else int(np.count_nonzero(np.diff(scans.offsets)))
     if scans is None or with_scans < 2:
@@ -64,22 +87,30 @@ def check(
     notes = []
     if with_scans < len(graph):
         notes.append(f"{len(graph) - with_scans} of {len(graph)} nodes carry no scan and are left out")
-    scales = estimate_scales(graph, config, threads, progress)
+    views, laid = view_scans(scans, config), odometry_map(graph)
+    scales = estimate_scales(views, laid, config, threads, progress)
     if scales is None:
         notes.append("no scale can be estimated without odometry edges between scans; the laser's own noise is taken")
         scales = sensor_scales(len(graph))
-    views = build_views(scans, graph.poses, config)
+    return Basis(views, laid, scales, tuple(notes))
+
+
+def judge_map(
+    graph: PoseGraph, basis: Basis, config: ConsistencyConfig, *, threads: int = 1, progress: Progress = no_progress
+) -> CheckResult:
+    """The verdict on the map in which the graph's nodes stand at ``graph.poses``, MC section IV."""
+    notes, scales = list(basis.notes), basis.scales_m
+    views = basis.views.placed(graph.poses)
     drop = (config.drop_points, config.drop_share)
     measures = measure_pairs(views, config.min_points, drop, threads, progress)
-    laid = odometry_map(graph)
-    pairs = judge_pairs(measures, scales, config, laid)
+    pairs = judge_pairs(measures, scales, config, basis.laid)
     if not len(pairs.pairs):
         notes.append("no two scans see enough in common to contradict each other: nothing was tested")
     tests = judge_scans(pairs, len(graph), config)
     p_value = map_p_value(tests, config)
     points = contradicting_points(views, pairs, tests, pairs.inflation * pair_scales(scales, pairs.pairs, config))
     suspects, against = suspect_loops(
-        graph, views, laid, pairs.inflation * scales, config, threads=threads, progress=progress
+        graph, basis.views, basis.laid, pairs.inflation * scales, config, threads=threads, progress=progress
     )
     return CheckResult(
         consistent=p_value > config.map_level,

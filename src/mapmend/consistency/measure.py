@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.consistency import _kernels
 from mapmend.consistency.pairs import find_overlaps
-from mapmend.consistency.visibility import Views
+from mapmend.consistency.views import PlacedViews, ScanViews
 from mapmend.parallel import Progress, map_in_order, no_progress
 
 Float = NDArray[np.float64]
@@ -36,7 +35,7 @@ class PairMeasures:
 
 
 def measure_pairs(
-    views: Views,
+    views: PlacedViews,
     fewest: int = 0,
     drop: tuple[int, float] = (0, 0.0),
     threads: int = 1,
@@ -47,7 +46,7 @@ def measure_pairs(
     Pairs with fewer than ``fewest`` inconsistent points are counted and left out: memory follows those that are kept.
     ``drop``: how many of a pair's largest depths are left out of ``kept_m`` at least, and which share of them at least.
     """
-    overlaps = find_overlaps(views.boxes)
+    overlaps = find_overlaps(views.boxes())
 
     def work(piece: tuple[int, int]) -> tuple[Int, Float]:
         pairs = overlaps.listed(*piece)
@@ -62,26 +61,14 @@ def measure_pairs(
     return PairMeasures(pairs, counts[:, 0], measured[:, 1], counts[:, 1], measured[:, 3], overlaps.total)
 
 
-def measure(views: Views, pairs: Int, drop: tuple[int, float] = (0, 0.0)) -> Float:
+def measure(views: PlacedViews, pairs: Int, drop: tuple[int, float] = (0, 0.0)) -> Float:
     """n_ij, M_ij, and both without the largest depths, of pairs (k, 2) of scans: (k, 4)."""
-    return measure_at(views, pairs, pairs, views.lasers, drop)
+    return measure_at(views.scans, pairs, pairs, views.lasers, drop)
 
 
-def measure_at(views: Views, pairs: Int, stands: Int, lasers: Float, drop: tuple[int, float]) -> Float:
-    """The same of scans whose lasers stand elsewhere: at the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
+def measure_at(views: ScanViews, pairs: Int, stands: Int, lasers: Float, drop: tuple[int, float]) -> Float:
+    """The same of scans whose lasers stand at the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
     measured = np.zeros((len(pairs), 4))
-    polygons, points, _, beams = kernel_views(views)
+    polygons, points, beams = views.for_kernels()
     _kernels.measure_pairs(pairs, stands, polygons, points, lasers, beams, np.array(drop, dtype=np.float64), measured)
     return measured
-
-
-def kernel_views(views: Views) -> tuple[Any, ...]:
-    """Polygons, points, lasers and beams as the kernels take them."""
-    beams = views.beams
-    limits = views.limits
-    return (
-        (views.corners, views.corner_offsets, limits.sectors, limits.wide_sectors, limits.near2),
-        (views.points, views.point_offsets, limits.groups, limits.group_rows, limits.group_offsets, limits.points),
-        views.lasers,
-        (beams.rays, beams.wedges, beams.most_passed, beams.counts, views.laser_of),
-    )

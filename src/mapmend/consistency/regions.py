@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from mapmend.consistency import _kernels
 from mapmend.consistency.cascade import PairTests, ScanTests
-from mapmend.consistency.measure import kernel_views
-from mapmend.consistency.visibility import Views
+from mapmend.consistency.views import PlacedViews
 from mapmend.graph.pose_graph import PoseGraph
 
 Float = NDArray[np.float64]
@@ -35,20 +34,20 @@ class Region:
     failures: int
 
 
-def contradicting_points(views: Views, tests: PairTests, scans: ScanTests, scales: Float) -> Bool:
+def contradicting_points(views: PlacedViews, tests: PairTests, scans: ScanTests, scales: Float) -> Bool:
     """The end points, (returns,), that lie deep in the free space of a scan in a failed pair of two failed scans.
 
     ``scales``: (k,), metres, those of the tested pairs.
     """
     chosen = tests.failed & scans.failed[tests.pairs].any(axis=1)
-    marks = np.zeros(len(views.points), np.int64)
+    marks = np.zeros(len(views.scans.points), np.int64)
     least = DEEP * scales[chosen]
-    _kernels.mark_points(tests.pairs[chosen], least, *kernel_views(views), marks)
+    _kernels.mark_points(tests.pairs[chosen], least, *views.for_kernels(), marks)
     return np.asarray(marks > 0)
 
 
 def find_regions(
-    graph: PoseGraph, views: Views, tests: PairTests, scans: ScanTests, *, points: Bool, suspects: Int
+    graph: PoseGraph, views: PlacedViews, tests: PairTests, scans: ScanTests, *, points: Bool, suspects: Int
 ) -> list[Region]:
     """The regions of failed scans, those with the most failed pairs first.
 
@@ -62,7 +61,7 @@ def find_regions(
     n = len(graph)
     _, label = connected_components(coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
     in_map = views.points_in_map()
-    owner = np.repeat(np.arange(n), np.diff(views.point_offsets))
+    owner = np.repeat(np.arange(n), np.diff(views.scans.point_offsets))
     found = []
     for number in np.unique(label[scans.failed]):
         rows = np.flatnonzero((label == number) & scans.failed)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.measure import measure
-from mapmend.consistency.visibility import build_views
+from mapmend.consistency.views import ScanViews
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
@@ -104,29 +104,31 @@ def implied_scale(measure_m: Float, points: Int, level: float) -> Float:
 
 
 def estimate_scales(
-    graph: PoseGraph, config: ConsistencyConfig, threads: int = 1, progress: Progress = no_progress
+    views: ScanViews,
+    laid: OdometryMap,
+    config: ConsistencyConfig,
+    threads: int = 1,
+    progress: Progress = no_progress,
 ) -> Float | None:
-    """A scale for each node, (n,), metres: the largest that one of its pairs along the odometry implies, MC (10).
+    """A scale for each scan, (n,), metres: the largest that one of its pairs along the odometry implies, MC (10).
 
-    A node without such a pair takes the median. No scale is above ``config.most_scale_m``: by scales of its own, a
-    map of raw wheel odometry would excuse whatever it shows. None where no node has a pair: the graph tells nothing
+    A scan without such a pair takes the median. No scale is above ``config.most_scale_m``: by scales of its own, a
+    map of raw wheel odometry would excuse whatever it shows. None where no scan has a pair: the graph tells nothing
     of its noise.
     """
-    assert graph.scans is not None
-    laid = odometry_map(graph)
     if not np.all(np.isfinite(laid.poses)):
         raise MapmendError("the odometry edges laid end to end lead beyond all numbers")
     pairs = laid.neighbours(config.neighbours, config.neighbours_m)
-    views = build_views(graph.scans, laid.poses, config)
+    placed = views.placed(laid.poses)
     pieces = [pairs[k : k + PAIRS_A_PIECE] for k in range(0, len(pairs), PAIRS_A_PIECE)]
     drop = (config.drop_points, config.drop_share)
-    parts = map_in_order(lambda piece: measure(views, piece, drop), pieces, threads, "scales", progress)
+    parts = map_in_order(lambda piece: measure(placed, piece, drop), pieces, threads, "scales", progress)
     measured = np.concatenate(parts) if parts else np.zeros((0, 4))
     tested = measured[:, 2] >= config.min_points
     if not tested.any():
         return None
     implied = implied_scale(measured[tested, 3], measured[tested, 2].astype(np.int64), config.scale_level)
-    scales = np.full(len(graph), -1.0)
+    scales = np.full(len(views), -1.0)
     np.maximum.at(scales, pairs[tested, 0], implied)
     np.maximum.at(scales, pairs[tested, 1], implied)
     scales[scales < 0.0] = np.median(scales[scales >= 0.0])

@@ -14,7 +14,7 @@ from mapmend.config import ConsistencyConfig
 from mapmend.consistency.cascade import standardized
 from mapmend.consistency.measure import measure_at
 from mapmend.consistency.scale import OdometryMap, pair_scales
-from mapmend.consistency.visibility import Views, laser_places
+from mapmend.consistency.views import ScanViews
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import Progress, map_in_order, no_progress
@@ -33,7 +33,7 @@ EDGES_A_PIECE = 64
 
 def suspect_loops(
     graph: PoseGraph,
-    views: Views,
+    views: ScanViews,
     laid: OdometryMap,
     scales: Float,
     config: ConsistencyConfig,
@@ -46,8 +46,6 @@ def suspect_loops(
     What speaks against an edge is by how many standard deviations its pairs fail, in all, over the root of their
     number. ``scales``: (n,), metres, those of the map's tests, inflation included.
     """
-    scans = graph.scans
-    assert scans is not None
     loops = np.flatnonzero(graph.is_loop)
     order = np.lexsort((laid.position, laid.chain))
     place = np.empty(len(order), np.int64)
@@ -64,7 +62,7 @@ def suspect_loops(
             se2.compose(graph.measurements[edge], se2.between(laid.poses[j], laid.poses[second])),
         )
         rows = np.concatenate((first, second))
-        lasers = laser_places(scans, rows, np.concatenate(poses))
+        lasers = views.lasers_at(np.concatenate(poses), rows)
         a, b = np.repeat(np.arange(len(first)), len(second)), np.tile(np.arange(len(second)), len(first))
         stands = np.stack((a, b + len(first)), axis=1)
         pairs = rows[stands]

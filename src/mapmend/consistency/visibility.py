@@ -6,19 +6,16 @@ is star-shaped about the laser, so that a point's place in it is found by its be
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency import _kernels, _view_kernels
+from mapmend.consistency.views import Beams, Limits, ScanViews
 from mapmend.errors import MapmendError
-from mapmend.geometry.se2 import compose
 from mapmend.scan import LaserGeometry, Scans
 
 Float = NDArray[np.float64]
-Single = NDArray[np.float32]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
@@ -33,77 +30,13 @@ SCANS_AT_ONCE = 2048
 """Polygons are made of so many scans at a time: memory for what lies between is bounded."""
 
 
-@dataclass(frozen=True)
-class Beams:
-    """What the polygons of one laser share, by laser: see ``_kernels``. Beams are counted from right to left.
-
-    ``rays``: (lasers, most, 2): the directions of the vertices, and behind them one into the middle of the blind side
-    where there is one; there the polygon comes back to the laser. ``wedges``: int16, (lasers, SECTORS, 2), those in
-    which the two edges of a sector lie. ``most_passed``: (lasers,), how many rays lie in one sector at most.
-    ``counts``: (lasers,), how many directions.
-    """
-
-    rays: Float
-    wedges: NDArray[np.int16]
-    most_passed: Int
-    counts: Int
-
-
-@dataclass(frozen=True)
-class Limits:
-    """How far polygons reach by sector, squared, and end points in groups: see ``_kernels``."""
-
-    sectors: Single
-    wide_sectors: Single
-    near2: float
-    groups: Single
-    group_rows: Int
-    group_offsets: Int
-    points: Single
-
-
-@dataclass(frozen=True)
-class Views:
-    """The visibility polygons and end points of n scans in the map.
-
-    ``corners``: (5, total): x and y of their vertices in the laser's frame, by bearing, the side to the next, and one
-    over its squared length; behind a scan's last one its first ones follow again. ``corner_offsets``: (n + 1,).
-    ``points``: (returns, 2), end points in the laser's frame; ``point_offsets``: (n + 1,). ``limits``: what tells the
-    kernels at a glance that points lie outside. ``lasers``: (n, 4), x, y, cosine and sine of the laser in the map.
-    ``boxes``: (n, 4), low x, low y, high x, high y of all that a scan covers in the map; low above high for a scan
-    without beams. ``laser_of``: int64, (n,), into ``beams``.
-    """
-
-    corners: Float
-    corner_offsets: Int
-    points: Float
-    point_offsets: Int
-    limits: Limits
-    lasers: Float
-    boxes: Float
-    laser_of: Int
-    beams: Beams
-
-    def __len__(self) -> int:
-        return len(self.lasers)
-
-    def points_in_map(self) -> Float:
-        """All end points in the map's frame, (returns, 2)."""
-        return _placed(self.lasers, self.points, np.diff(self.point_offsets))
-
-
-def build_views(scans: Scans, poses: Float, config: ConsistencyConfig) -> Views:
-    """The views of n scans taken at ``poses``, (n, 3), ``T_map_robot``; a scan without beams sees nothing.
+def view_scans(scans: Scans, config: ConsistencyConfig) -> ScanViews:
+    """What n scans saw, each in the frame of its laser; a scan without beams sees nothing.
 
     Readings up to ``config.max_range_m`` are end points; those beyond it count as free up to there. A beam without
     return, or too near to be one, says nothing: there the polygon comes back to the laser. Raises MapmendError for
-    other shapes, poses that are not finite, and lasers whose beams lie half a turn apart.
+    lasers whose beams lie half a turn apart.
     """
-    n = len(scans)
-    if poses.shape != (n, 3):
-        raise MapmendError(f"{n} scans need poses of shape ({n}, 3), got {poses.shape}")
-    if not np.all(np.isfinite(poses)):
-        raise MapmendError("the poses must be finite")
     beams = _beams([_directions(geometry) for geometry in scans.geometries])
     laser_of = scans.geometry_index.astype(np.int64)
     is_empty = np.diff(scans.offsets) == 0
@@ -127,17 +60,17 @@ def build_views(scans: Scans, poses: Float, config: ConsistencyConfig) -> Views:
                 corners[axis, columns] = values[:, around % max(count, 1)]
     points = ends[is_point]
     point_offsets = np.concatenate(([0], np.cumsum(is_point)))[scans.offsets].astype(np.int64)
-    lasers = _lasers(scans, poses, laser_of)
-    return Views(
+    return ScanViews(
         corners=corners,
         corner_offsets=corner_offsets,
         points=points,
         point_offsets=point_offsets,
         limits=_limits((corners, corner_offsets), points, point_offsets, beams, laser_of),
-        lasers=lasers,
-        boxes=_boxes(lasers, ends, scans.offsets),
+        ends=ends,
+        end_offsets=scans.offsets,
         laser_of=laser_of,
         beams=beams,
+        mountings=np.array([g.T_robot_laser for g in scans.geometries] or [(0.0, 0.0, 0.0)], dtype=np.float64),
     )
 
 
@@ -224,37 +157,6 @@ def _begins(sectors: int) -> Float:
 
 def _offsets(counts: Int) -> Int:
     return np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
-
-
-def laser_places(scans: Scans, rows: Int, poses: Float) -> Float:
-    """Where the lasers of the given scans stand when the robot is at ``poses``, (k, 3): x, y, cosine, sine, (k, 4)."""
-    return _lasers(scans, poses, scans.geometry_index[rows].astype(np.int64))
-
-
-def _lasers(scans: Scans, poses: Float, laser_of: Int) -> Float:
-    mountings = np.array([g.T_robot_laser for g in scans.geometries] or [(0.0, 0.0, 0.0)], dtype=np.float64)
-    laser = compose(poses, mountings[laser_of])
-    return np.column_stack((laser[:, :2], np.cos(laser[:, 2]), np.sin(laser[:, 2])))
-
-
-def _boxes(lasers: Float, ends: Float, offsets: Int) -> Float:
-    """Low x, low y, high x, high y of lasers and all beams' ends in the map, (n, 4); low above high for empty scans."""
-    counts = np.diff(offsets)
-    boxes = np.hstack((lasers[:, :2], lasers[:, :2]))
-    boxes[counts == 0] = (np.inf, np.inf, -np.inf, -np.inf)
-    filled = np.flatnonzero(counts > 0)
-    if len(filled):
-        placed = _placed(lasers, ends, counts)
-        boxes[filled, :2] = np.minimum(boxes[filled, :2], np.minimum.reduceat(placed, offsets[filled]))
-        boxes[filled, 2:] = np.maximum(boxes[filled, 2:], np.maximum.reduceat(placed, offsets[filled]))
-    return boxes
-
-
-def _placed(lasers: Float, points: Float, counts: Int) -> Float:
-    """Points of scans, (sum of counts, 2), in the map."""
-    x, y, cos, sin = np.repeat(lasers, counts, axis=0).T
-    px, py = points.T
-    return np.stack((x + cos * px - sin * py, y + sin * px + cos * py), axis=1)
 
 
 def _limits(polygons: tuple[Float, Int], points: Float, point_offsets: Int, beams: Beams, laser_of: Int) -> Limits:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.consistency.measure import kernel_views
 from mapmend.consistency.pairs import find_overlaps
-from mapmend.consistency.visibility import Views
+from mapmend.consistency.views import PlacedViews
 from mapmend.lab import _haehnel_kernels
 from mapmend.parallel import Progress, map_in_order, no_progress
 
@@ -39,9 +38,9 @@ class Likelihoods:
     points: Int
 
 
-def log_likelihoods(views: Views, threads: int = 1, progress: Progress = no_progress) -> Likelihoods:
+def log_likelihoods(views: PlacedViews, threads: int = 1, progress: Progress = no_progress) -> Likelihoods:
     """The log-likelihoods of all pairs whose bounding boxes overlap; the same for any number of threads."""
-    overlaps = find_overlaps(views.boxes)
+    overlaps = find_overlaps(views.boxes())
     pieces = overlaps.pieces(PAIRS_A_PIECE)
 
     def work(piece: tuple[int, int]) -> tuple[Int, Int]:
@@ -59,10 +58,10 @@ def log_likelihoods(views: Views, threads: int = 1, progress: Progress = no_prog
     return Likelihoods(pairs, total / np.maximum(points, 1), points)
 
 
-def count_over_grids(views: Views, pairs: Int) -> Int:
+def count_over_grids(views: PlacedViews, pairs: Int) -> Int:
     """End points of each pair's second scan on free and on occupied cells of its first, (k, 2); sorted by the first."""
-    reach = float(np.hypot(views.corners[0], views.corners[1]).max(initial=0.0))
+    reach = float(np.hypot(*views.scans.corners[:2]).max(initial=0.0))
     size = np.array([CELL_M, np.ceil(reach / CELL_M) + 1.0])
     counts = np.zeros((len(pairs), 2), np.int64)
-    _haehnel_kernels.count_over_grids(pairs, *kernel_views(views), size, counts)
+    _haehnel_kernels.count_over_grids(pairs, *views.for_kernels(), size, counts)
     return counts

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.measure import measure_pairs
-from mapmend.consistency.visibility import build_views
+from mapmend.consistency.visibility import view_scans
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.optimizer import optimize
@@ -145,9 +145,8 @@ def label(right: PoseGraph, wrong: PoseGraph) -> tuple[Bool, Int]:
 
     config = ConsistencyConfig()
     assert right.scans is not None
-    pairs = np.concatenate(
-        [measure_pairs(build_views(right.scans, g.poses, config), COMMON_POINTS).pairs for g in (right, wrong)]
-    )
+    views = view_scans(right.scans, config)
+    pairs = np.concatenate([measure_pairs(views.placed(g.poses), COMMON_POINTS).pairs for g in (right, wrong)])
     before, after = (se2.between(g.poses[pairs[:, 0]], g.poses[pairs[:, 1]]) for g in (right, wrong))
     off = se2.between(before, after)
     is_wrong = np.hypot(off[:, 0], off[:, 1]) + LEVER_M * np.abs(off[:, 2]) > TOUCHED_M

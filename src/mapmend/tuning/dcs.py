@@ -30,9 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.config import Config
-from mapmend.consistency.check import CheckResult, check
+from mapmend.consistency.check import Basis, CheckResult, basis_of, judge_map
 from mapmend.consistency.measure import measure_pairs
-from mapmend.consistency.visibility import Views, build_views
+from mapmend.consistency.pairs import find_overlaps
+from mapmend.consistency.views import PlacedViews
 from mapmend.errors import MapmendError
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import KERNELS, distrusted
@@ -139,8 +140,8 @@ def tune(
     if not graph.is_loop.any():
         raise MapmendError("the graph has no loop edges that a kernel could doubt")
     start = graph.with_poses(starting_poses(graph, init))
-    views = build_views(scans, start.poses, config.consistency)
-    search = Search(start, kernel, sample_of(graph, views), threads, progress)
+    basis = basis_of(start, config.consistency, threads=threads, progress=progress)
+    search = Search(start, kernel, sample_of(basis.views.placed(start.poses)), threads, progress)
     grid = grid_roots()
     search.look_at(grid[::COARSE], "grid")
     if not search.sums_m:
@@ -149,39 +150,34 @@ def tune(
     search.look_at(grid, "grid")
     halve(search)
     least = search.least()
-    judged = _judge(search, least, config)
+    judged = _judge(search, least, basis, config)
     best = next((root for root, verdict in judged if verdict.consistent), least)
-    return _result(search, least, best, average_measure(search.map_at(best), config, threads, progress), judged)
+    measured = average_measure(basis.views.placed(search.map_at(best).poses), threads, progress)
+    return _result(search, least, best, measured, judged)
 
 
-def average_measure(
-    graph: PoseGraph, config: Config = DEFAULT_CONFIG, threads: int = 1, progress: Progress = no_progress
-) -> tuple[float, int]:
-    """M of MC (11) of a map as it stands, metres, over all pairs that overlap, and their number."""
-    assert graph.scans is not None
-    views = build_views(graph.scans, graph.poses, config.consistency)
+def average_measure(views: PlacedViews, threads: int = 1, progress: Progress = no_progress) -> tuple[float, int]:
+    """M of MC (11) of a map, metres, over all pairs of scans that overlap in it, and their number."""
     measures = measure_pairs(views, 1, threads=threads, progress=progress)
     return float(measures.measure_m.sum()) / max(measures.overlapping, 1), measures.overlapping
 
 
-def sample_of(graph: PoseGraph, views: Views) -> PairSample:
-    """Every so manieth pair, such that those that overlap where the graph stands have SAMPLED_POINTS at most."""
-    from mapmend.consistency.pairs import find_overlaps
-
-    assert graph.scans is not None
-    here = find_overlaps(views.boxes).total
-    points = here * 2.0 * len(views.points) / max(len(views), 1)
+def sample_of(views: PlacedViews) -> PairSample:
+    """One pair out of so many that the pairs which overlap in this map have SAMPLED_POINTS end points at most."""
+    here = find_overlaps(views.boxes()).total
+    points = here * 2.0 * len(views.scans.points) / max(len(views), 1)
     stride = 1
     while points > stride * SAMPLED_POINTS:
         stride *= 2
-    return PairSample(graph.scans, views, stride)
+    return PairSample(views.scans, stride)
 
 
-def _judge(search: Search, least: float, config: Config) -> Judged:
+def _judge(search: Search, least: float, basis: Basis, config: Config) -> Judged:
     """The verdicts on the valleys of M, by their roots: that of the root ``least`` first, until one passes."""
     judged: Judged = []
     for root in valleys(search.sums_m, least)[:MOST_CHECKED]:
-        verdict = check(search.map_at(root), config.consistency, threads=search.threads, progress=search.progress)
+        graph = search.map_at(root)
+        verdict = judge_map(graph, basis, config.consistency, threads=search.threads, progress=search.progress)
         judged.append((root, verdict))
         if verdict.consistent:
             break

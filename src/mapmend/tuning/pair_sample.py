@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.consistency.measure import measure_at
-from mapmend.consistency.visibility import Views, laser_places
+from mapmend.consistency.views import ScanViews
 from mapmend.parallel import Progress, map_in_order, no_progress
-from mapmend.scan import Scans
 from mapmend.tuning import _kernels
 
 Float = NDArray[np.float64]
@@ -45,8 +44,7 @@ class PairSample:
     meet, it contributes nothing. Each pair remembers where its scans stood when it was last measured.
     """
 
-    def __init__(self, scans: Scans, views: Views, stride: int) -> None:
-        self.scans = scans
+    def __init__(self, views: ScanViews, stride: int) -> None:
         self.views = views
         self.stride = stride
         self.circles = view_circles(views)
@@ -94,7 +92,7 @@ class PairSample:
         Returns the lasers in each map, (f, n, 4).
         """
         n = len(self.circles)
-        lasers = np.stack([laser_places(self.scans, np.arange(n), p) for p in poses])
+        lasers = np.stack([self.views.lasers_at(p) for p in poses])
         centres = np.empty((len(poses), n, 2))
         _kernels.place_circles(lasers, self.circles, centres)
 
@@ -142,7 +140,7 @@ def _worth_measuring(bounds: Float, tolerance_m: float) -> Int:
     return np.sort(order[few:])
 
 
-def view_circles(views: Views) -> Float:
+def view_circles(views: ScanViews) -> Float:
     """A circle about all that each scan sees, in the laser's frame: x, y, radius, (n, 3); no scan, a radius of -1."""
     n = len(views)
     circles = np.tile((0.0, 0.0, -1.0), (n, 1))

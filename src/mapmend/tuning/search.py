@@ -110,7 +110,7 @@ class Search:
         roots = finalists(self.sums_m)
         if len(roots) == 1:
             return roots[0]
-        larger = PairSample(self.sample.scans, self.sample.views, max(1, self.sample.stride // LARGER))
+        larger = PairSample(self.sample.views, max(1, self.sample.stride // LARGER))
         found = larger.evaluate(
             [self.solutions[r].poses for r in roots],
             EVERY_PAIR,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.consistency.visibility import Views, laser_places
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.tuning.dcs import PUBLISHED_PHI, TuneResult
 from mapmend.view.check_picture import LOOP, MARGIN_M, MOST_POINTS, PATH, POINT
@@ -40,7 +39,7 @@ def tune_png(result: TuneResult, name: str) -> bytes:
     _draw_curve(whole, result, None)
     _draw_curve(near, result, ZOOM)
     views = result.check.views
-    other = _points(result.published, views)
+    other = views.scans.placed(result.published.poses).points_in_map()
     at_published = result.measure_at(PUBLISHED_PHI)
     title = f"phi = {PUBLISHED_PHI:g}" + ("" if at_published is None else f": M = {at_published:.4g} m")
     _draw_map(published, result.published, other, np.zeros(0, np.int64), title)
@@ -72,15 +71,6 @@ def _draw_curve(axes: Axes, result: TuneResult, zoom: float | None) -> None:
         axes.set(title=f"the same, up to {zoom:.0%} above the least")
         axes.set(ylim=((1.0 - 0.1 * zoom) * least, (1.0 + zoom) * least))
         axes.set(xlim=(float(shown.min()) - margin, float(shown.max()) + margin))
-
-
-def _points(graph: PoseGraph, views: Views) -> Float:
-    """The end points of the same scans where another map puts them, (returns, 2)."""
-    assert graph.scans is not None
-    lasers = laser_places(graph.scans, np.arange(len(graph)), graph.poses)
-    x, y, cos, sin = np.repeat(lasers, np.diff(views.point_offsets), axis=0).T
-    px, py = views.points.T
-    return np.stack((x + cos * px - sin * py, y + sin * px + cos * py), axis=1)
 
 
 def _draw_map(axes: Axes, graph: PoseGraph, points: Float, off: NDArray[np.int64], title: str) -> None:
