@@ -1,7 +1,7 @@
 """SE(2) on plain arrays: a pose is ``(x, y, theta)`` in metres and radians, the last axis of any array.
 
 Covariances are those of a perturbation on the right, in the frame of the pose itself: ``T_true = T * d`` with
-``d ~ N(0, covariance)``. Composition is then the adjoint's (the lever arm that IGO (4) and (6) leave out).
+``d ~ N(0, covariance)``. They are then composed with the adjoint (with the lever arm that IGO (4) and (6) leave out).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def _wrap_one(angle: float) -> float:
 
 
 def _compose_one(a: list[float], b: list[float]) -> Array:
-    """One pose at a time, as the front end needs it for every scan, arrays cost twenty times the arithmetic."""
+    """For a single pose, as the front end needs it for every scan: arrays would take twenty times as long."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     return np.array(
         (a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], _wrap_one(a[2] + b[2])), dtype=np.float64
@@ -69,12 +69,12 @@ def inverse(T_a_b: ArrayLike) -> Array:
 
 
 def between(T_a_b: ArrayLike, T_a_c: ArrayLike) -> Array:
-    """``T_b_c``, the pose of c seen from b, for poses of shape (..., 3)."""
+    """``T_b_c``, the pose of c in the frame of b, for poses of shape (..., 3)."""
     return compose(inverse(T_a_b), T_a_c)
 
 
 def transform_points(T_a_b: ArrayLike, points_b: ArrayLike) -> Array:
-    """Points of shape (..., n, 2) in frame b, seen from frame a; the pose has shape (..., 3)."""
+    """Points of shape (..., n, 2), given in frame b, in frame a; the pose ``T_a_b`` has shape (..., 3)."""
     pose, points = np.asarray(T_a_b, dtype=np.float64), np.asarray(points_b, dtype=np.float64)
     cos, sin = np.cos(pose[..., 2, None]), np.sin(pose[..., 2, None])
     return np.stack(
@@ -106,7 +106,7 @@ def adjoint(T_a_b: ArrayLike) -> Array:
 def invert_symmetric(matrix: Array) -> Array:
     """The inverse of one symmetric positive definite 3 x 3 matrix, by cofactors of its upper half.
 
-    A tenth of the library's time for one small matrix; raises ``ZeroDivisionError`` where it is exactly singular.
+    For one small matrix it takes a tenth of the library's time. Raises ``ZeroDivisionError`` if it is exactly singular.
     """
     (a, b, c), (_, d, e), (_, _, f) = matrix.tolist()
     first, second, third = d * f - e * e, c * e - b * f, b * e - c * d
@@ -130,7 +130,7 @@ def inverse_covariance(T_a_b: ArrayLike, covariance_a_b: ArrayLike) -> Array:
 
 
 def interpolate(T_a_b: ArrayLike, T_a_c: ArrayLike, share: ArrayLike) -> Array:
-    """The pose at ``share`` (0: b, 1: c) of the straight way from b to c, the angle along the shorter turn."""
+    """The pose at ``share`` (0: b, 1: c) of the straight line from b to c, the angle along the shorter turn."""
     b, c = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_a_c, dtype=np.float64)
     s = np.asarray(share, dtype=np.float64)[..., None]
     step = c - b

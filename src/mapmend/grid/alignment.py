@@ -17,14 +17,16 @@ Float = NDArray[np.float64]
 
 QUARTER = np.pi / 2.0
 CHORD_RAD = np.radians(8.0)
-"""How wide a stretch of wall is whose direction is taken: 0.4 m at 3 m, where 2 cm of noise turn it by 3 degrees."""
+"""The width of the wall stretches whose direction is measured: 0.4 m at 3 m, where 2 cm of noise turn it by 3
+degrees."""
 
 SHORTEST_CHORD_M = 0.2
 NEAR_RAD = np.radians(3.0)
 """Walls within this of a direction count for it."""
 
 LEAST_SHARE = 0.15
-"""Walls that run any way put 2 * 3 / 90 = 0.07 of their length there. Twice that is a direction; intel has 0.72."""
+"""Walls with random directions have 2 * 3 / 90 = 0.07 of their length there. Twice that share is a main direction;
+intel has 0.72."""
 
 BINS = 360  # of a quarter turn
 SCANS_AT_ONCE = 512
@@ -34,7 +36,7 @@ SCANS_AT_ONCE = 512
 class Alignment:
     """``T_map_start``: the pose of the robot's first frame in the aligned map, a turn by an eighth at most.
 
-    ``wall_share``: of the length of straight walls, how much runs within 3 degrees of the axes then. Below
+    ``wall_share``: the share of the length of straight walls that is then within 3 degrees of the axes. Below
     `LEAST_SHARE` there is no main direction, and nothing is turned.
     """
 
@@ -66,7 +68,7 @@ def align_walls(scans: Scans, poses: Float, config: ScanConfig) -> Alignment:
 
 
 def _off(angle: Float, direction: float) -> Float:
-    """How far angles are from a direction or one at right angles to it, in [-45, 45) degrees."""
+    """The differences of angles to a direction or the one at right angles to it, in [-45, 45) degrees."""
     return np.asarray((angle - direction + QUARTER / 2.0) % QUARTER - QUARTER / 2.0)
 
 
@@ -79,7 +81,7 @@ def _most_common(angle: Float, length: Float) -> float:
 
 
 def _refined(direction: float, angle: Float, length: Float) -> float:
-    """The mean of what lies near, taken again about itself; in [-45, 45) degrees."""
+    """The mean of the directions near one, computed again around the result; in [-45, 45) degrees."""
     for _ in range(5):
         off = _off(angle, direction)
         near = np.abs(off) <= NEAR_RAD
@@ -88,7 +90,8 @@ def _refined(direction: float, angle: Float, length: Float) -> float:
 
 
 def _chords(scans: Scans, poses: Float, config: ScanConfig) -> Iterator[Float]:
-    """Straight stretches of wall in the map, (k, 2) at a time: from each beam's end to that some beams on."""
+    """Straight stretches of wall in the map, (k, 2) at a time: from the end of each beam to that of a beam farther
+    on."""
     is_empty = np.diff(scans.offsets) == 0
     for number, geometry in enumerate(scans.geometries):
         rows = np.flatnonzero((scans.geometry_index == number) & ~is_empty)
@@ -101,7 +104,7 @@ def _chords(scans: Scans, poses: Float, config: ScanConfig) -> Iterator[Float]:
 
 
 def _ends(scans: Scans, rows: NDArray[np.int64], poses: Float, geometry: LaserGeometry, config: ScanConfig) -> Float:
-    """Beam ends in the map, (scans, beams, 2), nan where nothing usable came back."""
+    """Beam ends in the map, (scans, beams, 2), nan for beams without a usable return."""
     ranges = scans.ranges_m[scans.offsets[rows, None] + np.arange(geometry.beam_count)].astype(np.float64)
     with np.errstate(invalid="ignore"):
         used = (ranges >= config.min_range_m) & (ranges <= min(config.max_range_m, geometry.max_range_m))
@@ -112,7 +115,7 @@ def _ends(scans: Scans, rows: NDArray[np.int64], poses: Float, geometry: LaserGe
 
 
 def _straight(ends: Float, width: int, wall_std_m: float) -> Float:
-    """The chords over ``width`` beams that all ends between lie within ``wall_std_m`` of: (k, 2)."""
+    """The chords over ``width`` beams for which all ends in between are within ``wall_std_m``: (k, 2)."""
     chord = ends[:, width:] - ends[:, :-width]
     length = np.hypot(chord[..., 0], chord[..., 1])
     is_wall = length >= SHORTEST_CHORD_M

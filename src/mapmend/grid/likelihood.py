@@ -21,10 +21,10 @@ TILES_ACROSS = 2 << (LEVELS - 1) >> _kernels.TILE_BITS
 class LikelihoodField:
     """``levels``: uint8 arrays in cells of 1, 2, 4, 8, 16, 32 times ``cell_size_m``; 255 is a certain return.
 
-    Its cells are twice as wide as the grid's: what is found is refined on the surfaces themselves.
+    Its cells are twice as wide as the grid's, because the pose found is refined on the surfaces themselves.
 
     Cell (row, column) of the finest level covers ``origin + (column, row) * cell_size_m`` onwards (metres, grid frame).
-    A cell of level h bounds what any finest cell from its corner on over twice its width could score, so that one
+    A cell of level h is an upper bound for all finest cells from its corner on over twice its width, so that one
     look-up bounds all whole-cell offsets that begin in one block.
     """
 
@@ -56,7 +56,7 @@ def likelihood_field(
     if len(used_r) == 0:
         empty = np.zeros((1, 1), np.uint8)
         return LikelihoodField((empty,) * LEVELS, (0.0, 0.0), 2.0 * size)
-    # Empty tiles before the first: offsets that begin outside must still see, in the bounds, what they reach.
+    # Empty tiles before the first one: the bounds of offsets that begin outside must include the cells that they reach.
     low_r, low_c = int(used_r.min()) - TILES_ACROSS, int(used_c.min()) - TILES_ACROSS
     shape = [
         -(-(int(last) - low + 1) // TILES_ACROSS) * TILES_ACROSS
@@ -65,7 +65,7 @@ def likelihood_field(
     finest = np.zeros((shape[0], tile, shape[1], tile), np.uint8)
     surface, _, _, nearest = grid.arrays
     sources = nearest.reshape(-1, tile, tile)[part[used_r, used_c]]
-    # Few cells are near a surface: only those are worth an exponential.
+    # Few cells are near a surface: the exponential is computed only for those.
     t, row, column = np.nonzero(sources >= 0)
     means = surface[sources[t, row, column], :2]
     x = ((used_c[t] + first_c + column0) * tile + column + 0.5) * size
@@ -87,7 +87,7 @@ def _halved(cells: Bytes) -> Bytes:
 
 
 def _reaching_over(blocks: Bytes) -> Bytes:
-    """Each block's maximum with its neighbours right, above and across: what an offset within it can reach."""
+    """The maximum of each block and its neighbours to the right, above and diagonally: all that an offset can reach."""
     wide = blocks.copy()
     wide[:, :-1] = np.maximum(blocks[:, :-1], blocks[:, 1:])
     tall = wide.copy()

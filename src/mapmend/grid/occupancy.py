@@ -1,7 +1,7 @@
 """The map that is written: for every cell, how many beams returned from it and how many passed through.
 
-Every node's scan is put at its optimized pose, so the map shows what the graph says and nothing that the front end once
-thought. Beams without return say nothing: glass and black walls swallow beams as open space does.
+Every node's scan is put at its optimized pose, so the map shows the graph and no earlier estimate of the front end.
+Beams without return are not counted: glass and black walls look to the laser like open space.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from mapmend.scan import Scans
 Float = NDArray[np.float64]
 
 OCCUPIED_SHARE = 0.25
-"""A cell is occupied where at least this share of its beams returned from it.
+"""A cell is occupied if at least this share of its beams returned from it.
 
-Half would lose walls: a wall fills its cells in part, range noise puts half of its returns into the next cell, and a
-beam that grazes it passes three cells of its surface or more before it returns. A person who walked through is seen in
-a cell a few times, the floor there a hundred times: well below a quarter.
+With a half, walls would disappear: a wall fills only a part of its cells, range noise puts half of its returns into the
+next cell, and a beam that grazes it passes three cells of its surface or more before it returns. A person who walked
+through is seen in a cell a few times, the floor there a hundred times: the share is well below a quarter.
 """
 
 FREE_SHARE = FREE_THRESHOLD
-"""Free below this share, which is what nav2 calls free; in between the cell stays unknown."""
+"""A cell is free below this share, which is nav2's limit; in between it stays unknown."""
 
 MOST_CELLS = 1 << 28
-"""More cells than this (0.8 km x 0.8 km of 5 cm) are no building but a lost trajectory."""
+"""A map of more cells than this (0.8 km x 0.8 km of 5 cm) is not a building but a lost trajectory."""
 
 BAND_ROWS = 128
 _BEAMS_AT_ONCE = 1 << 16
@@ -42,7 +42,7 @@ _BEAMS_AT_ONCE = 1 << 16
 
 @dataclass(frozen=True)
 class _Beams:
-    """Scans with their lasers placed in the map: what the kernel takes."""
+    """Scans with their lasers' poses in the map, as the kernel needs them."""
 
     scans: Scans
     directions: Float
@@ -62,9 +62,9 @@ def occupancy_map(
 ) -> OccupancyMap:
     """The map of n scans taken at ``poses``, shape (n, 3), ``T_map_robot``: 254 free, 0 occupied, 205 unknown.
 
-    Cells are aligned to the map frame's origin. Readings beyond ``config.max_range_m`` clear up to there, mark nothing.
-    The rows are counted in bands, one thread a band, whole numbers in each cell: the same bytes for any number of
-    threads, and no memory beyond the picture's byte a cell and some bands' counts.
+    Cells are aligned to the map frame's origin. Readings beyond ``config.max_range_m`` clear up to there
+    and mark nothing. The rows are counted in bands, one thread for each band, with whole numbers in each cell: the same
+    bytes for any number of threads, and no memory except one byte for each cell and the counts of some bands.
     Raises MapmendError for other shapes, poses that are not finite, and extents that no building has.
     """
     if poses.shape != (len(scans), 3):
@@ -105,7 +105,7 @@ def _extent(beams: _Beams, cell_size_m: float) -> tuple[tuple[int, int], tuple[i
         places = np.zeros((1, 2))
     low, high = places.min(axis=0), places.max(axis=0)
     width_m, height_m = (high - low).tolist()
-    # A cell more on each side, for a beam whose end lies on the edge.
+    # One more cell on each side, for a beam that ends on the edge.
     columns, rows = (math.ceil(length / cell_size_m) + 3 for length in (width_m, height_m))
     if rows * columns > MOST_CELLS or max(rows, columns) > MOST_CELLS:
         raise MapmendError(

@@ -1,4 +1,5 @@
-"""The grid that scans are matched on: cells that know the surface seen in them, in tiles, growing with the building."""
+"""The grid that scans are matched on: cells that hold the surface seen in them, in tiles that grow with the
+building."""
 
 from __future__ import annotations
 
@@ -11,10 +12,10 @@ Float = NDArray[np.float64]
 
 
 class SurfaceGrid:
-    """Cells of ``cell_size_m``, each with the mean place and normal of the returns in it and with the beams' passes.
+    """Cells of ``cell_size_m``, each with the mean position and normal of its returns and with the beams' passes.
 
-    Tiles of 32 x 32 cells are taken into use where beams went; memory follows the area that was seen. Every cell also
-    knows the nearest surface within four cells: the look-up that matching needs.
+    Tiles of 32 x 32 cells are taken into use where beams went, so memory follows the area that was seen. Every cell
+    also knows the nearest surface within four cells: matching looks it up.
     """
 
     def __init__(self, cell_size_m: float = 0.05) -> None:
@@ -37,7 +38,7 @@ class SurfaceGrid:
         )
 
     def clear(self) -> None:
-        """Forgets everything, keeps the memory."""
+        """Removes all content and keeps the memory."""
         self.table.fill(-1)
         used = int(self.frame[0]) * _kernels.TILE_CELLS
         self.frame[0] = 0
@@ -49,11 +50,11 @@ class SurfaceGrid:
         nearest[:used] = -1
 
     def _make_room(self, box: NDArray[np.int64]) -> None:
-        """Grows the table over the box of tiles, and the arrays by as many tiles as the box could ask for."""
+        """Grows the table over the box of tiles, and the arrays by as many tiles as the box may need."""
         rows, columns = self.table.shape
         top, left = int(self.frame[1]), int(self.frame[2])
         bottom, right = top + rows, left + columns
-        # Half again as much on the side that was too small: growing costs little in the long run.
+        # A half more on the side that was too small, so that the table does not have to grow often.
         new_top = min(top, int(box[0]) - rows // 2) if box[0] < top else top
         new_left = min(left, int(box[1]) - columns // 2) if box[1] < left else left
         new_bottom = max(bottom, int(box[2]) + 1 + rows // 2) if box[2] >= bottom else bottom
@@ -73,7 +74,7 @@ class SurfaceGrid:
             self.arrays[3][:used] = old[3][:used]
 
     def insert(self, points: Float, laser_origin: Float, pose: Float) -> None:
-        """Adds a scan: ``points`` (n, 5) from `project_scan`, the laser's place on the robot, ``T_grid_robot``."""
+        """Adds a scan: ``points`` (n, 5) from `project_scan`, the laser's position on the robot, ``T_grid_robot``."""
         if len(points) == 0:
             return
         if not _kernels.find_room(

@@ -5,7 +5,7 @@ al. (RRR) and others took over. A false loop claims, as place recognition does, 
 measurement is near zero whatever the poses, with a spread of 0.3 m an axis and 10 degrees.
 
 - ``random``: between any two nodes.
-- ``local``: between a node and one of the next 20, as a robot is wrong about what it has just seen.
+- ``local``: between a node and one of the next 20, as when a robot confuses places that it has just seen.
 - ``random-groups``, ``local-groups``: the same in runs of 10 (as in Suenderhauf's thesis): the loops of a run join
   consecutive nodes to consecutive nodes by one and the same measurement, so that they confirm each other, as similar
   rooms do.
@@ -36,7 +36,8 @@ NEAREST_NODES = 2
 
 @dataclass(frozen=True)
 class CorruptedGraph:
-    """``graph``: the given edges in their order, then the false ones. ``is_false``: shape (m,), which those are."""
+    """``graph``: the given edges in their order, then the false ones. ``is_false``: shape (m,), true for the false
+    ones."""
 
     graph: PoseGraph
     is_false: NDArray[np.bool_]
@@ -45,7 +46,7 @@ class CorruptedGraph:
 def add_false_loops(graph: PoseGraph, kind: str, count: int, seed: int) -> CorruptedGraph:
     """The graph with ``count`` more loop edges, all false, each with the information of one of its own loops.
 
-    The same arguments give the same graph. A graph without loops lends the information of its odometry edges. Raises
+    The same arguments give the same graph. In a graph without loops, the odometry edges provide the information. Raises
     ``MapmendError`` for an unknown kind, a negative count, and a graph without edges or of too few nodes.
     """
     if kind not in FALSE_LOOP_KINDS:
@@ -69,19 +70,19 @@ def add_false_loops(graph: PoseGraph, kind: str, count: int, seed: int) -> Corru
 
 
 def _pairs(generator: np.random.Generator, count: int, free: int, is_local: bool) -> Int:
-    """The first pair of nodes of each group, shape (count, 2), the earlier node first; ``free``: how far these lie."""
+    """The first pair of nodes of each group, shape (count, 2), the earlier node first; ``free``: the range of both."""
     if is_local:
         earlier = generator.integers(0, free, size=count)
         reach = np.minimum(LOCAL_NODES, NEAREST_NODES + free - 1 - earlier)
         return np.stack((earlier, earlier + generator.integers(NEAREST_NODES, reach + 1)), axis=1)
-    # Two different of free + 1 places, the later one moved on so that the two are no neighbours.
+    # Two different ones of free + 1 places; the later one is moved on so that the two are not neighbours.
     one = generator.integers(0, free + 1, size=count)
     other = (one + generator.integers(1, free + 1, size=count)) % (free + 1)
     return np.stack((np.minimum(one, other), np.maximum(one, other) + NEAREST_NODES - 1), axis=1)
 
 
 def _with_edges(graph: PoseGraph, edges: Int, measurements: Float, information: Float) -> CorruptedGraph:
-    """The graph with more loop edges behind its own."""
+    """The graph with more loop edges after its own."""
     more = np.ones(len(edges), dtype=np.bool_)
     corrupted = replace(
         graph,

@@ -1,8 +1,8 @@
 """The rival that MC compares with: the log-likelihood of a scan over the occupancy grid of another.
 
 Hähnel, Burgard, Wegbreit, Thrun, "Towards lazy data association in SLAM" (ISRR 2003), as MC sections II and VI use it:
-a map is inconsistent where its log-likelihood lies below a threshold. One scan fills a grid; an end point of the other
-that falls on a cell that was seen free is unlikely, on one that was seen occupied likely, and elsewhere tells nothing.
+a map is inconsistent where its log-likelihood is below a threshold. One scan fills a grid. An end point of the other
+scan is unlikely on a cell that was seen free, likely on a cell that was seen occupied, and not counted elsewhere.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Int = NDArray[np.int64]
 
 CELL_M = 0.1
 OCCUPIED_PROBABILITY, FREE_PROBABILITY = 0.9, 0.1
-"""What a cell holds that the grid's scan saw occupied, or free."""
+"""The values of a cell that the grid's scan saw occupied, or free."""
 
 PAIRS_A_PIECE = 1 << 14
 

@@ -1,6 +1,6 @@
-"""Maps that are known to be right or wrong, simulated and real: what mapping gets wrong in them, with labels.
+"""Maps that are known to be right or wrong, simulated and real: typical errors of mapping, with labels.
 
-A corruption changes what a graph's edges say, as a failing front end does, and the optimizer makes the wrong map of it.
+A corruption changes the edges of a graph, as a failing front end does, and the optimizer turns it into a wrong map.
 Its labels come from comparing the poses with those before.
 """
 
@@ -29,30 +29,30 @@ Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 NODE_INTERVAL_S = 0.6
-"""Of a simulated drive: a node every 0.24 m, or every 0.36 rad of a turn on the spot."""
+"""Of a simulated drive: one node every 0.24 m, or every 0.36 rad of a turn on the spot."""
 
 ODOMETRY_STD = np.array([0.006, 0.006, 0.0015])
 LOOP_STD = np.array([0.01, 0.01, 0.003])
-"""Standard deviations of simulated edges, m, m, rad: what scan matching leaves."""
+"""Standard deviations of simulated edges, m, m, rad: typical errors of scan matching."""
 
 LOOP_REACH_M, LOOP_EVERY, LOOP_AFTER = 1.5, 3, 40
-"""A loop edge ties every so manieth node to the nearest node within reach that was left so many nodes ago."""
+"""Every n-th node gets a loop edge to the nearest node within reach that was left at least this many nodes ago."""
 
 TOUCHED_M, LEVER_M = 0.08, 3.0
-"""A pair of scans is wrong where its relative pose is off by this, the angle counted at a lever of LEVER_M."""
+"""A pair of scans is wrong if its relative pose is off by this; the angle counts with a lever of LEVER_M."""
 
 COMMON_POINTS = 10
-"""Scans overlap where they share so many inconsistent points, which even right maps show half of."""
+"""Scans overlap if they have at least this many inconsistent points; even right maps have half as many."""
 
 FEWEST_TOUCHED = 12
-"""What touches fewer scans is no corruption that anybody could see: it is drawn anew."""
+"""A corruption that touches fewer scans could not be seen by anybody: it is drawn again."""
 
 MOST_DRAWS = 40
 
 
 @dataclass(frozen=True)
 class LabelledMap:
-    """A map and the truth about it. ``kind``: "consistent", or what was done to it.
+    """A map and the truth about it. ``kind``: "consistent", or the kind of corruption.
 
     ``touched``: bool, (n,), scans that overlap with a scan to which their relative pose is wrong. ``region``: (n,), the
     number of the connected region of such pairs, -1 elsewhere. ``false_edges``: rows of ``graph.edges``.
@@ -100,7 +100,7 @@ def simulated_map(
 
 
 def graph_of_log(log: ScanLog) -> PoseGraph:
-    """The poses of a log, taken as they are, with the edges that they make: a map of key scans that were matched."""
+    """The poses of a log as they are, with edges computed from them: a map of key scans that were matched."""
     n = len(log)
     edges = np.stack((np.arange(n - 1), np.arange(1, n)), axis=1)
     return PoseGraph(
@@ -115,7 +115,7 @@ def graph_of_log(log: ScanLog) -> PoseGraph:
 
 
 def consistent_map(graph: PoseGraph) -> LabelledMap:
-    """The graph as a map that is taken for right."""
+    """The graph as a map that is assumed to be right."""
     n = len(graph)
     return LabelledMap("consistent", graph, np.zeros(n, np.bool_), np.full(n, -1), np.zeros(0, np.int64))
 
@@ -123,7 +123,7 @@ def consistent_map(graph: PoseGraph) -> LabelledMap:
 def corrupt(graph: PoseGraph, kind: str, seed: int) -> LabelledMap:
     """A right map made wrong in one of the ways of `CORRUPTIONS`, with labels.
 
-    Raises MapmendError where the map offers no place to do it: nothing is seen twice.
+    Raises MapmendError if no place of the map allows it, because nothing is seen twice.
     """
     if kind not in CORRUPTIONS:
         raise MapmendError(f"there is no corruption '{kind}'; use one of {', '.join(CORRUPTIONS)}")
@@ -159,7 +159,7 @@ def label(right: PoseGraph, wrong: PoseGraph) -> tuple[Bool, Int]:
 
 
 def _false_loop(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGraph, Int]:
-    """Two places some metres apart are taken for one; ``strength`` consecutive nodes say so."""
+    """Two places some metres apart are merged by the edges of ``strength`` consecutive nodes."""
     i, j = _two_places(graph, rng, (3.0, 15.0))
     steps = np.arange(strength)
     first, second = np.minimum(i + steps, len(graph) - 1), np.minimum(j + steps, len(graph) - 1)
@@ -168,7 +168,7 @@ def _false_loop(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGr
 
 
 def _merged_rooms(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGraph, Int]:
-    """A stretch of nodes is laid on another place, and what ties it to its own is missing."""
+    """A stretch of nodes is laid on another place, and the edges to its own place are missing."""
     i, j = _two_places(graph, rng, (2.5, 10.0))
     stretch = np.arange(max(j - 15, 0), min(j + 15, len(graph)))
     tied = np.isin(graph.edges, stretch).any(axis=1) & graph.is_loop
@@ -178,7 +178,7 @@ def _merged_rooms(graph: PoseGraph, rng: Generator, strength: int) -> tuple[Pose
 
 
 def _missing_loop(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGraph, Int]:
-    """The drift of some nodes adds up, and no loop takes it back."""
+    """The drift of some nodes adds up, and no loop corrects it."""
     angle = rng.uniform(0.0, 2.0 * np.pi)
     length = rng.uniform(0.3, 0.8) * strength
     error = (
@@ -190,19 +190,19 @@ def _missing_loop(graph: PoseGraph, rng: Generator, strength: int) -> tuple[Pose
 
 
 def _bent_corridor(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGraph, Int]:
-    """The heading creeps over some metres."""
+    """The heading drifts over some metres."""
     bend = rng.choice((-1.0, 1.0)) * np.radians(rng.uniform(4.0, 10.0)) * strength
     return _slipped(graph, rng, np.array([0.0, 0.0, bend]), int(rng.integers(10, 25)))
 
 
 def _double_wall(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGraph, Int]:
-    """All that comes later stands 10 to 50 cm aside."""
+    """All later nodes are shifted by 10 to 50 cm."""
     angle, length = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.1, 0.5) * strength
     return _slipped(graph, rng, np.array([length * np.cos(angle), length * np.sin(angle), 0.0]), 6)
 
 
 def _rotated_wing(graph: PoseGraph, rng: Generator, strength: int) -> tuple[PoseGraph, Int]:
-    """One step turns all that comes later."""
+    """One step turns all later nodes."""
     turn = rng.choice((-1.0, 1.0)) * np.radians(rng.uniform(3.0, 10.0)) * strength
     return _slipped(graph, rng, np.array([0.0, 0.0, turn]), 1)
 
@@ -215,11 +215,11 @@ CORRUPTIONS: dict[str, Callable[[PoseGraph, Generator, int], tuple[PoseGraph, In
     "rotated wing": _rotated_wing,
     "merged rooms": _merged_rooms,
 }
-"""What a map is corrupted by: a graph, random numbers and a strength, from 1 on, to a graph and rows of false edges."""
+"""A corruption: from a graph, random numbers and a strength, from 1 on, to a graph and the rows of its false edges."""
 
 
 def _two_places(graph: PoseGraph, rng: Generator, apart_m: tuple[float, float]) -> tuple[int, int]:
-    """Two nodes so far apart, in the map and along the trajectory."""
+    """Two nodes at the given distances, in the map and along the trajectory."""
     n = len(graph)
     for _ in range(1000):
         i, j = sorted(rng.integers(0, n, 2).tolist())
@@ -232,9 +232,9 @@ def _two_places(graph: PoseGraph, rng: Generator, apart_m: tuple[float, float]) 
 
 
 def _slipped(graph: PoseGraph, rng: Generator, error: Float, steps: int) -> tuple[PoseGraph, Int]:
-    """The odometry errs by ``error`` in all over some steps, and no loop edge ties what lies behind to what was before.
+    """The odometry errs by ``error`` in total over some steps, and no loop edge joins later nodes to earlier ones.
 
-    ``error``: the motion, in the map's axes about the first node behind, of all that comes later.
+    ``error``: the motion of all later nodes, in the map's axes about the first of them.
     """
     n = len(graph)
     first = int(rng.integers(n // 5, 4 * n // 5))
@@ -252,14 +252,14 @@ def _slipped(graph: PoseGraph, rng: Generator, error: Float, steps: int) -> tupl
     slips = ~kept.is_loop & ((kept.edges >= first - 1) & (kept.edges <= last)).all(axis=1)
     measurements = kept.measurements.copy()
     i, j = kept.edges[slips].T
-    # Each slipping step keeps its own noise on top of what the wheels now say.
+    # Each slipping step keeps its own noise in addition to the new motion.
     noise = se2.between(se2.between(graph.poses[i], graph.poses[j]), measurements[slips])
     measurements[slips] = se2.compose(se2.between(moved[i], moved[j]), noise)
     return replace(kept, poses=moved, measurements=measurements), np.zeros(0, np.int64)
 
 
 def _with_loops(graph: PoseGraph, ends: Int, claimed: Float) -> tuple[PoseGraph, Int]:
-    """The graph with false loop edges, which say of their nodes what is ``claimed``, and the rows of these edges."""
+    """The graph with false loop edges that measure ``claimed`` between their nodes, and the rows of these edges."""
     m, k = len(graph.edges), len(ends)
     like = graph.information[graph.is_loop] if graph.is_loop.any() else graph.information
     broken = replace(
@@ -273,7 +273,7 @@ def _with_loops(graph: PoseGraph, ends: Int, claimed: Float) -> tuple[PoseGraph,
 
 
 def _true_loops(truth: Float) -> Int:
-    """Pairs (i, j), i < j: the nearest node of an earlier visit, for every so manieth node."""
+    """Pairs (i, j), i < j: the nearest node of an earlier visit, for every n-th node."""
     found = []
     for j in range(LOOP_AFTER + 1, len(truth), LOOP_EVERY):
         earlier = truth[: j - LOOP_AFTER]

@@ -1,4 +1,4 @@
-"""Figures of an experiment, drawn by matplotlib: trajectories over each other, and edges by what they are off by."""
+"""Figures of an experiment, drawn by matplotlib: trajectories over each other, and edges coloured by their error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Float = NDArray[np.float64]
 
 MARGIN_M = 1.0
 MOST_OFF_SHARE = 0.5
-"""Edges that are off by this share of their length, or more, have the full colour."""
+"""Edges with an error of this share of their length, or more, have the full colour."""
 
 LINES = ("#adb5bd", "#e8590c", "#1565c0", "#862e9c")
 
@@ -82,7 +82,7 @@ def draw_edges(panels: Sequence[EdgePanel], path: str | Path) -> None:
     all_axes = np.atleast_1d(figure.subplots(1, len(panels), sharex=True, sharey=True))
     for axes, panel in zip(all_axes, panels, strict=True):
         ends = np.stack((panel.xy_m[:-1], panel.xy_m[1:]), axis=1)
-        # What is off most is drawn last, on top.
+        # The edges with the largest errors are drawn last, on top.
         order = np.argsort(np.abs(panel.off_share), kind="stable")
         lines = LineCollection(list(ends[order]), cmap=colours, norm=norm, linewidths=2.2, capstyle="round")
         lines.set_array(panel.off_share[order])

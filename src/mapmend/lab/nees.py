@@ -1,4 +1,4 @@
-"""Whether covariances say the truth: the normalized estimation error squared (Bar-Shalom, Li and Kirubarajan, 2001)."""
+"""Whether covariances are right: the normalized estimation error squared (Bar-Shalom, Li and Kirubarajan, 2001)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mapmend.geometry.se2 import Array, between
 
 
 def pose_errors(estimated: ArrayLike, true: ArrayLike) -> Array:
-    """The errors ``d`` with ``T_true = T_estimated * d``, shape (n, 3): what the project's covariances speak of.
+    """The errors ``d`` with ``T_true = T_estimated * d``, shape (n, 3), to which the project's covariances refer.
 
     Raises MapmendError unless both have shape (n, 3).
     """
@@ -24,7 +24,7 @@ def normalized_errors(errors: ArrayLike, covariances: ArrayLike) -> Array:
     """``e^T S^-1 e`` for errors of shape (n, d) and their covariances, shape (n, d, d): shape (n,).
 
     For covariances that are right this is chi-square distributed with d degrees of freedom.
-    Raises MapmendError for other shapes, and names the worst covariance where one is not positive definite.
+    Raises MapmendError for other shapes, and names the worst covariance if one is not positive definite.
     """
     e, covariance = np.asarray(errors, dtype=np.float64), np.asarray(covariances, dtype=np.float64)
     if e.ndim != 2 or covariance.shape != (*e.shape, e.shape[1]):
@@ -40,7 +40,8 @@ def normalized_errors(errors: ArrayLike, covariances: ArrayLike) -> Array:
 
 
 def mean_nees_band(count: int, dof: int = 3, level: float = 0.95) -> tuple[float, float]:
-    """Where the mean of ``count`` independent normalized errors lies with probability ``level``, (low, high).
+    """The band (low, high) in which the mean of ``count`` independent normalized errors lies with probability
+    ``level``.
 
     Below it the covariances are too large, above it too small. The mean times the count is chi-square distributed with
     ``count * dof`` degrees of freedom. Raises MapmendError unless count and dof are positive and 0 < level < 1.

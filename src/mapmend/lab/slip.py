@@ -1,10 +1,10 @@
 """Real logs whose wheels slip on demand: the odometry reports motion that did not happen. IGO section V-A.
 
-A recording's scans tell where the robot really was, so the scans and their stamps stay as they are and the odometry is
-spoiled. While a slip lasts, every step that the log reports counts ``1 / (1 - share)`` times: of ``length_m`` that the
-wheels then report, the share did not happen. All later poses shift along, as those of wheels do.
+The scans of a recording show where the robot really was. So the scans and their stamps stay as they are, and the
+odometry is changed. While a slip lasts, every step that the log reports is multiplied by ``1 / (1 - share)``: of the
+``length_m`` that the wheels then report, this share did not happen. All later poses shift along, as those of wheels do.
 
-Three kinds, which together are what wheels do on wax, on a sill or against a cable:
+Three kinds, as wheels slip on wax, on a sill or against a cable:
 
 - ``along``: both wheels slip while the robot drives, mostly on straight stretches (`STRAIGHT_SHARE`).
 - ``turn``: both slip while it turns; the share of the reported turn did not happen, and the translation is left alone.
@@ -28,17 +28,17 @@ Float = NDArray[np.float64]
 KINDS = ("along", "turn", "jump")
 
 STRAIGHT_SHARE = 0.8
-"""This share of slips is put on straight stretches, the others anywhere."""
+"""This share of the slips is on straight stretches, the others are anywhere."""
 
 STRAIGHT_RAD = 0.15
 """A stretch is straight if the robot turns less between any two scans of it."""
 
 TURN_RAD = 0.5
-"""A slip of kind ``turn`` begins where the robot turns at least so much over the next ``TURN_WAY_M``."""
+"""A slip of kind ``turn`` begins where the robot turns by at least this angle over the next ``TURN_WAY_M``."""
 
 TURN_WAY_M = 1.0
 GAP_M = 2.0
-"""The way between two slips, so that each is an event of its own."""
+"""The path between two slips, so that each is an event of its own."""
 
 MOST_TRIES = 200
 
@@ -47,9 +47,9 @@ MOST_TRIES = 200
 class SlipModel:
     """``count`` slips of one ``kind``; during each the wheels report ``length_m``, of which ``share`` does not happen.
 
-    For kind ``turn``, ``length_m`` is not used: the slip lasts the robot's way of TURN_WAY_M. For ``jump`` the share
-    is not used.
-    Raises MapmendError for a kind that there is not, a negative count, a length not above 0, a share outside [0, 1).
+    For kind ``turn``, ``length_m`` is not used: the slip lasts for TURN_WAY_M of the robot's path. For ``jump`` the
+    share is not used.
+    Raises MapmendError for an unknown kind, a negative count, a length not above 0, a share outside [0, 1).
     """
 
     kind: str = "along"
@@ -66,7 +66,8 @@ class SlipModel:
 
 @dataclass(frozen=True)
 class LogSlip:
-    """The steps ``first`` to ``last - 1`` (step k leads from scan k to k + 1), and what they report too much of."""
+    """The steps ``first`` to ``last - 1`` (step k leads from scan k to k + 1), and the motion that they report in
+    excess."""
 
     first: int
     last: int
@@ -76,7 +77,7 @@ class LogSlip:
 
 @dataclass(frozen=True)
 class SlippedLog:
-    """``log``: with the spoiled odometry, all else as it was; ``slips`` in the order of the log."""
+    """``log``: with the changed odometry and nothing else changed; ``slips`` in the order of the log."""
 
     log: ScanLog
     slips: tuple[LogSlip, ...]
@@ -85,7 +86,7 @@ class SlippedLog:
 def slip_log(log: ScanLog, model: SlipModel, seed: int) -> SlippedLog:
     """The log with seeded slips; the same arguments give the same bytes.
 
-    Raises MapmendError where the log is too short for that many slips.
+    Raises MapmendError if the log is too short for that many slips.
     """
     steps = se2.between(log.odometry[:-1], log.odometry[1:])
     path_m = np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
@@ -115,7 +116,7 @@ def _windows(steps: Float, path_m: Float, model: SlipModel, rng: Generator) -> l
             break
         straight = rng.uniform() < STRAIGHT_SHARE
         begin_m = float(rng.uniform(0.0, path_m[-1] - way_m))
-        # The last scan at that way: where the robot stands, the slip begins as it drives on.
+        # The last scan at that path length: if the robot stands there, the slip begins as it drives on.
         first = int(np.searchsorted(path_m, begin_m, side="right")) - 1
         last = max(int(np.searchsorted(path_m, begin_m + way_m)), first + 1)
         turned = float(np.ptp(heading[first : last + 1]))
@@ -135,7 +136,7 @@ def _direction(steps: Float, path_m: Float, first: int) -> float:
 
 
 def _chained(begin: Float, steps: Float) -> Float:
-    """The poses that steps (n, 3) lead through from ``begin`` (3,), shape (n + 1, 3)."""
+    """The poses along steps (n, 3) from ``begin`` (3,), shape (n + 1, 3)."""
     heading = begin[2] + np.concatenate(([0.0], np.cumsum(steps[:, 2])))
     cos, sin = np.cos(heading[:-1]), np.sin(heading[:-1])
     x = begin[0] + np.concatenate(([0.0], np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])))

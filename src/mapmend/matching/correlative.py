@@ -1,4 +1,4 @@
-"""Correlative scan matching: the best-scoring pose of a region, for where there is doubt (IGO's [17]: Olson 2009)."""
+"""Correlative scan matching: the best-scoring pose of a region, for doubtful matches (IGO's [17]: Olson 2009)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Float = NDArray[np.float64]
 NEAR_LEVEL = 3
 WIDE_CELLS = 200
 MOST_POINTS = 120
-# Beyond this range a point's move under a small turn is left to the refinement.
+# The step of the angle is for points up to this range; the refinement aligns the points beyond it.
 ANGLE_RANGE_M = 10.0
 
 
@@ -26,8 +26,8 @@ ANGLE_RANGE_M = 10.0
 class Region:
     """Where to look: discs of ``radius_m`` about ``guesses`` (n, 2), angles within ``angle_rad`` of the prior's.
 
-    Scores within ``tie_weight`` of each other are ties and go to the pose nearest ``prior`` (3,): the weight grows with
-    the squared distance from it, up to ``tie_radius_m`` and ``tie_radius_rad``.
+    Scores within ``tie_weight`` of each other are ties, which the pose nearest to ``prior`` (3,) wins: the penalty
+    grows with the squared distance from the prior, up to ``tie_radius_m`` and ``tie_radius_rad``.
     """
 
     prior: Float
@@ -42,7 +42,8 @@ class Region:
 def search(field: LikelihoodField, points: Float, region: Region, score_to_beat: float) -> tuple[Float, float] | None:
     """The best pose (3,) and its score, or None where none beats ``score_to_beat``; ``points`` (n, 5), robot frame.
 
-    Whole cells and angles at which a point ten metres away moves by a cell: to be refined below the cell size.
+    Offsets are whole cells, and a step of the angle moves a point ten metres away by one cell: the caller refines the
+    result below the cell size.
     """
     size = field.cell_size_m
     points = points[:: max(1, len(points) // MOST_POINTS)]

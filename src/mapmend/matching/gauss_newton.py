@@ -1,4 +1,4 @@
-"""A few Gauss-Newton steps of a scan on the surfaces of a grid: the matcher for where there is no doubt."""
+"""A few Gauss-Newton steps of a scan on the surfaces of a grid: the matcher when the pose is not in doubt."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from mapmend.matching import _kernels
 
 Float = NDArray[np.float64]
 
-# Where the six numbers of a symmetric matrix stand in a kernel's result.
+# The positions of the six numbers of a symmetric matrix in a kernel's result.
 _SYMMETRIC = np.array([[7, 8, 9], [8, 10, 11], [9, 11, 12]])
 
-# No laser of this kind is better than half a centimetre, whatever a few beams happen to say.
+# No laser of this kind is better than half a centimetre, even if a few beams agree better by chance.
 LEAST_RESIDUAL_M = 0.005
 UNSEEN_STD_M = 10.0
 # Beams that end in one cell share that cell's error, and neighbouring cells were seen by the same scans: the residuals
@@ -31,7 +31,7 @@ NO_PRIOR = np.zeros((4, 3))
 
 @dataclass(frozen=True)
 class Match:
-    """Where a scan was found: ``pose`` (3,), the share of its points that found their counterpart, and how firmly.
+    """The result of a match: ``pose`` (3,), the share of the points that found a counterpart, and the normal matrix.
 
     ``normal_matrix`` (3, 3): of the squared distances along the surfaces' normals, in the axes of the grid.
     ``residual_std_m``: of those distances.
@@ -50,7 +50,7 @@ class Match:
     def covariance(self) -> Float:
         """Sigma_obs of the pose on the grid, in the pose's own frame, shape (3, 3): Hessian method of IGO's [2].
 
-        The residual variance over the normal matrix. Directions in which the surfaces say nothing come out as wide as
+        The residual variance over the normal matrix. In directions without information, the standard deviation is
         ``UNSEEN_STD_M``.
         """
         cos, sin = math.cos(self.pose[2]), math.sin(self.pose[2])
@@ -94,7 +94,7 @@ class SurfaceMatcher:
         )
 
     def judge(self, grid: SurfaceGrid, points: Float, pose: Float) -> tuple[int, int, int]:
-        """How many of ``points`` (n, 5) at ``pose`` the grid confirms, contradicts, and has never seen."""
+        """How many of ``points`` (n, 5) at ``pose`` the grid confirms, contradicts, and has not seen."""
         self._score_settings[0] = grid.cell_size_m
         _kernels.score_points(grid.table, grid.frame, grid.arrays, points, pose, self._score_settings, self._counts)
         return int(self._counts[0]), int(self._counts[1]), int(self._counts[2])
