@@ -21,7 +21,7 @@ from _measure import MAPMEND, data_parser, log_path, markdown, medians, run
 
 IMPORTS = """
 import time
-for name in ("mapmend.commands.map_log", "numba.core.event", "mapmend.front_end.builder", "mapmend.view.map_picture"):
+for name in ("mapmend.slam", "numba.core.event", "mapmend.front_end.builder", "mapmend.view.map_picture"):
     began = time.perf_counter()
     __import__(name)
     print(time.perf_counter() - began)

@@ -99,7 +99,7 @@ def mapped(run_folder: Path, runs: int) -> list[Run]:
 
 def imports() -> tuple[str, ...]:
     """What a process costs before it has read anything."""
-    modules = "mapmend.commands.map_log, mapmend.front_end.builder, mapmend.view.map_picture"
+    modules = "mapmend.slam, mapmend.run_folder, mapmend.front_end.builder, mapmend.view.map_picture"
     one = run([sys.executable, "-c", f"import {modules}"])
     return ("nothing", "0", f"{one.wall_s:.2f}", f"{one.cpu_s:.2f}", "", f"{one.peak_mb:.0f}", "", "")
 

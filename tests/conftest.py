@@ -6,10 +6,9 @@ import pytest
 from hypothesis import settings
 
 from mapmend.cli import main
-from mapmend.commands.simulate import first_scans
 from mapmend.io.carmen import write_carmen
 from mapmend.io.tum import write_tum
-from mapmend.simulation import OdometryModel, corridor_loop, simulate
+from mapmend.simulation import OdometryModel, corridor_loop, first_scans, simulate
 
 # The same examples every time, however long a first call compiles: a red run has a reason.
 settings.register_profile("same_examples", derandomize=True, deadline=None)

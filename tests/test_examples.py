@@ -7,11 +7,10 @@ import pytest
 
 import mapmend
 from mapmend import simulation as simulation_module
-from mapmend.commands.simulate import first_scans
 from mapmend.io.carmen import write_carmen
 from mapmend.io.g2o import write_g2o
 from mapmend.io.tum import write_tum
-from mapmend.simulation import corridor_loop, simulate
+from mapmend.simulation import corridor_loop, first_scans, simulate
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapmend.commands.simulate import first_scans
 from mapmend.compiling import CompileWatch
 from mapmend.config import Config
 from mapmend.errors import InputError, MapmendError
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.geometry.se2 import between
-from mapmend.simulation import OdometryModel, corridor_loop, simulate
+from mapmend.simulation import OdometryModel, corridor_loop, first_scans, simulate
 from mapmend.slam import METHODS, build_map
 
 

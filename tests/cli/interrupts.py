@@ -11,7 +11,7 @@ from mapmend import cli
 INTERRUPT = """
 import os, signal, sys
 from mapmend import cli
-from mapmend.commands import console
+from mapmend.commands.common import console
 
 def interrupt(self, stage, done, total):
     if stage == sys.argv[1]:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mapmend import cli
-from mapmend.commands import info as info_command
+from mapmend.commands.common import options
 from mapmend.slam import METHODS
 from tests.cli.interrupts import interrupted
 
@@ -128,8 +127,8 @@ def test_an_output_folder_that_cannot_be_written(mapmend, log_path, tmp_path):
 
 
 def test_the_command_line_knows_the_methods():
-    assert set(cli.METHODS) == set(METHODS)
-    assert cli.METHODS[0] == "igo"
+    assert set(options.METHODS) == set(METHODS)
+    assert options.METHODS[0] == "igo"
 
 
 @pytest.mark.parametrize(
@@ -163,7 +162,7 @@ def test_the_unexpected_is_one_line_too(mapmend, monkeypatch, error):
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(info_command, "describe", fail)
+    monkeypatch.setattr("mapmend.io.info.describe", fail)
     answer = mapmend("info", "file")
     assert answer.code == 2
     assert answer.complaint

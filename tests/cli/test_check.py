@@ -94,12 +94,10 @@ def test_what_can_not_be_checked_is_refused_in_one_line(mapmend, log_path, tmp_p
 
 
 def test_a_picture_that_can_not_be_written_is_refused_before_the_work(mapmend, right_path, tmp_path, monkeypatch):
-    import mapmend.commands.check as command
-
     def never(*_, **__):
         raise AssertionError("worked first")
 
-    monkeypatch.setattr(command, "check", never)
+    monkeypatch.setattr("mapmend.consistency.check.check", never)
     (tmp_path / "check.png").mkdir()
     answer = mapmend("check", right_path, "-o", tmp_path)
     assert answer.code == 2

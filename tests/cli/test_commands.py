@@ -4,12 +4,15 @@ import filecmp
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import mapmend as package
+from mapmend import commands
+from mapmend.commands import SUMMARIES
 from mapmend.io.g2o import read_g2o
 from mapmend.io.nav2 import read_map
 from mapmend.io.reader import read, read_run
@@ -154,11 +157,10 @@ def test_simulate_writes_what_the_reader_reads_back(mapmend, tmp_path, world):
 
 
 def test_demo_leaves_runs_truth_and_picture(mapmend, tmp_path, monkeypatch):
-    from mapmend.commands import demo
-    from mapmend.commands.simulate import first_scans
+    from mapmend import simulation
 
-    whole = demo.simulate
-    monkeypatch.setattr(demo, "simulate", lambda *a, **k: first_scans(whole(*a, **k), 120))
+    whole = simulation.simulate
+    monkeypatch.setattr(simulation, "simulate", lambda *a, **k: simulation.first_scans(whole(*a, **k), 120))
     folder = tmp_path / "demo"
     answer = mapmend("demo", "-o", folder)
     assert answer.code == 0
@@ -172,14 +174,27 @@ def test_demo_leaves_runs_truth_and_picture(mapmend, tmp_path, monkeypatch):
     assert (folder / "demo.png").read_bytes() == picture
 
 
-def test_help_and_version_load_nothing_heavy():
+def test_no_help_loads_anything_heavy():
+    """Neither the help of mapmend nor that of any of its commands."""
     script = (
-        "import sys, mapmend, mapmend.cli\n"
+        "import sys, mapmend, mapmend.cli, mapmend.commands\n"
         "mapmend.cli.parser().format_help()\n"
+        "for name in mapmend.commands.SUMMARIES:\n"
+        "    try:\n"
+        "        mapmend.cli.main([name, '--help'])\n"
+        "    except SystemExit as done:\n"
+        "        assert done.code == 0\n"
         "heavy = {'numpy', 'numba', 'scipy', 'matplotlib', 'rich', 'PIL'} & set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)"
     )
-    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+    done = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert all(f"usage: mapmend {name}" in done.stdout for name in SUMMARIES)
+
+
+def test_every_command_has_a_file_and_every_file_is_a_command():
+    names = {path.stem for path in Path(commands.__file__).parent.glob("*.py")}
+    assert names - {"__init__", "compare_child"} == set(SUMMARIES)
 
 
 def test_the_python_names_are_all_there():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapmend.cli import COMPARED, parser
+from mapmend.cli import parser
+from mapmend.commands.compare import COMPARED
 from mapmend.geometry import se2
 from mapmend.slam import METHODS
 
@@ -74,7 +75,7 @@ def test_what_cannot_end_well_is_one_line(mapmend, log_path, tmp_path, arguments
 
 
 def test_compare_takes_the_settings_that_map_takes():
-    maps, compares = (vars(parser().parse_args([*words, "LOG"])) for words in (("map", "-o", "RUN"), ("compare",)))
+    maps, compares = (vars(parser(name).parse_args([name, "-o", "OUT", "LOG"])) for name in ("map", "compare"))
     assert set(maps) - set(compares) <= {"method"}
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from mapmend.commands.simulate import first_scans
 from mapmend.datasets import fetch as fetching
 from mapmend.datasets import registry
 from mapmend.datasets.cache import cache_folder, fetched_path, named_file
@@ -21,7 +20,7 @@ from mapmend.errors import InputError, MapmendError, OutputError
 from mapmend.io.carmen import write_carmen
 from mapmend.io.reader import read
 from mapmend.scan import ScanLog
-from mapmend.simulation import corridor_loop, simulate
+from mapmend.simulation import corridor_loop, first_scans, simulate
 from tests.real_data import data_path
 
 

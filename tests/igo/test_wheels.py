@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from mapmend.commands.demo import ODOMETRY
+from mapmend.commands.demo import demo_drive
 from mapmend.config import Config
 from mapmend.front_end.builder import FrontEnd
 from mapmend.igo.iterate import iterate
 from mapmend.igo.wheels import learn_wheels
-from mapmend.simulation import corridor_loop, simulate
 from tests.front_end.logs import errors_of
 
 
@@ -27,7 +26,7 @@ def test_wheels_are_as_right_as_they_are_but_for_slip():
 
 def test_the_corridor_where_wheels_slipped_takes_the_loops_error():
     """Wheels report too much and never too little: of two opposite corridors, the one that is too long is wrong."""
-    simulation = simulate(corridor_loop(), odometry=ODOMETRY, seed=2)
+    simulation = demo_drive(2)
     front_end = FrontEnd(simulation.log, Config())
     front_end.run()
     go = errors_of(simulation, front_end.state.scan_poses()).translation_rmse_m

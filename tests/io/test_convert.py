@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapmend.commands.simulate import first_scans
 from mapmend.errors import InputError, MapmendError, OutputError
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
@@ -16,7 +15,7 @@ from mapmend.io.kitti import read_kitti
 from mapmend.io.reader import read
 from mapmend.io.tum import write_tum
 from mapmend.scan import LaserGeometry, Scans
-from mapmend.simulation import corridor_loop, simulate
+from mapmend.simulation import corridor_loop, first_scans, simulate
 from tests.real_data import data_path
 
 ROUNDING = 1e-12  # of a yaw that went through a quaternion

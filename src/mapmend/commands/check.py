@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from mapmend.commands.console import ProgressBar, print_json, say, say_notes, table, thread_count, told_compiling
-from mapmend.config import Config, read_toml
-from mapmend.consistency.check import CheckResult, check
-from mapmend.datasets.cache import named_file
+from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, table, told_compiling
+from mapmend.commands.common.inputs import load_graph
+from mapmend.commands.common.options import add_config, add_threads, read_config, thread_count
 from mapmend.errors import InputError, MapmendError, OutputError
-from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io.info import describe_content
-from mapmend.io.output import check_file_writable, write_whole
-from mapmend.io.reader import read, read_run
+
+if TYPE_CHECKING:
+    from mapmend.consistency.check import CheckResult
+    from mapmend.graph.pose_graph import PoseGraph
 
 INCONSISTENT = 1
 PICTURE = "check.png"
@@ -24,54 +21,54 @@ MOST_REGIONS, MOST_SUSPECTS, MOST_SCANS = 5, 3, 4
 """So many of each are listed for people; JSON has them all."""
 
 
-def run(options: Namespace) -> int:
-    """Checks ``options.graph``; 0 where it is consistent, 1 where not."""
-    config = (read_toml(options.config) if options.config else Config()).consistency
-    graph = load_graph(options.graph)
-    picture = _folder(options) / PICTURE
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "Needs a pose graph whose nodes carry scans, and no ground truth. Writes check.png."
+    parser.add_argument("graph", metavar="RUN|GRAPH", help="a RUN folder, or a g2o or TORO graph (.gz and .bz2 too)")
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", help="folder for check.png (default: the RUN, or the current folder)"
+    )
+    add_config(parser)
+    add_threads(parser)
+
+
+def run(args: Namespace) -> int:
+    """Checks ``args.graph``; 0 where it is consistent, 1 where not."""
+    from mapmend.consistency.check import check
+    from mapmend.io.output import check_file_writable, write_whole
+
+    config = read_config(args).consistency
+    graph = load_graph(args.graph)
+    picture = _folder(args) / PICTURE
     check_file_writable(picture)
     try:
         with ProgressBar() as progress, told_compiling():
-            result = check(graph, config, threads=thread_count(options.threads), progress=progress)
+            result = check(graph, config, threads=thread_count(args.threads), progress=progress)
     except MapmendError as error:
-        raise InputError(options.graph, str(error), "name a graph whose nodes carry their scans") from error
+        raise InputError(args.graph, str(error), "name a graph whose nodes carry their scans") from error
     say_notes(graph.notes)
     for note in result.notes:
         say(f"note: {note}")
-    write_whole(picture, _picture(graph, result, options.graph))
-    page = report(graph, result)
-    if options.json:
-        print_json({**page, "picture": str(picture)})
+    write_whole(picture, _picture(graph, result, args.graph))
+    values = report(graph, result)
+    if args.json:
+        print_json({**values, "picture": str(picture)})
     else:
-        print("\n".join(lines(page, picture)))
+        print("\n".join(lines(values, picture)))
     return 0 if result.consistent else INCONSISTENT
-
-
-def load_graph(path: str) -> PoseGraph:
-    """The graph in a RUN folder or a file; raises InputError, saying what is there instead."""
-    if Path(path).is_dir():
-        graph = read_run(path)[1]
-        if graph is None:
-            raise InputError(path, "the RUN holds no graph.g2o", "map the log again")
-        return graph
-    content = read(named_file(path))
-    if not isinstance(content, PoseGraph):
-        kind = describe_content(content).kind
-        raise InputError(path, f"holds no pose graph but a {kind}", "name a RUN, or a g2o or TORO graph with scans")
-    return content
 
 
 def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
     """What ``--json`` prints; nodes by their ids."""
+    corners = result.views.scans.corner_offsets
     return {
         "consistent": result.consistent,
         "p_value": result.p_value,
-        "scans": int(np.count_nonzero(np.diff(result.views.scans.corner_offsets))),
-        "scans_tested": int(np.count_nonzero(result.scans.tested)),
-        "scans_inconsistent": int(np.count_nonzero(result.scans.failed)),
+        "scans": int((corners[1:] > corners[:-1]).sum()),
+        "scans_tested": int(result.scans.tested.sum()),
+        "scans_inconsistent": int(result.scans.failed.sum()),
         "pairs": len(result.pairs.pairs),
         "pairs_overlapping": result.overlapping,
-        "pairs_failed": int(np.count_nonzero(result.pairs.failed)),
+        "pairs_failed": int(result.pairs.failed.sum()),
         "suspect_edges": [
             {**_edge(graph, edge), "against": round(float(against), 3)}
             for edge, against in zip(result.suspects, result.against, strict=True)
@@ -136,11 +133,11 @@ def _edge(graph: PoseGraph, edge: int) -> dict[str, int]:
     return {"from": i, "to": j}
 
 
-def _folder(options: Namespace) -> Path:
+def _folder(args: Namespace) -> Path:
     """Where the picture goes; made where it is named and not there."""
-    if not options.output:
-        return Path(options.graph) if Path(options.graph).is_dir() else Path()
-    folder = Path(options.output)
+    if not args.output:
+        return Path(args.graph) if Path(args.graph).is_dir() else Path()
+    folder = Path(args.output)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -152,5 +149,5 @@ def _picture(graph: PoseGraph, result: CheckResult, name: str) -> bytes:
     from mapmend.view.check_picture import check_png
 
     verdict = "consistent" if result.consistent else "inconsistent"
-    failed = int(np.count_nonzero(result.scans.failed))
+    failed = int(result.scans.failed.sum())
     return check_png(graph, result, f"{Path(name).name}: {verdict}, p = {result.p_value:.2g}, {failed} failed scans")

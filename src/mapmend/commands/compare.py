@@ -6,74 +6,102 @@ import json
 import os
 import subprocess
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
 from mapmend import __version__
-from mapmend.commands.console import ProgressBar, print_json, say, table, thread_count
+from mapmend.commands.common.console import ProgressBar, print_json, say, table
+from mapmend.commands.common.options import (
+    BAG_ARGUMENTS,
+    METHODS,
+    add_bag,
+    add_lenient,
+    add_settings,
+    add_threads,
+    map_config,
+    thread_count,
+)
 from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
 from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
 
+COMPARED = ("odometry", "scanmatch", "gmapping", "go", "igo")
 PICTURE = "compare.png"
-BAG = ("scan_topic", "odom_topic", "base_frame", "deskew")
 
 
-def run(options: Namespace) -> int:
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "Writes a RUN folder for each method, compare.png, and run.json with all figures."
+    parser.add_argument("log", metavar="LOG", help="a CARMEN log or a ROS bag, as for map")
+    parser.add_argument("-o", "--output", metavar="DIR", default="compare", help="folder to write (default: compare)")
+    parser.add_argument("--relations", metavar="F", help="true relations, to measure errors against; see eval")
+    parser.add_argument(
+        "--methods",
+        nargs="+",
+        choices=METHODS,
+        default=list(COMPARED),
+        metavar="M",
+        help=f"the methods to run (default: {' '.join(COMPARED)})",
+    )
+    add_settings(parser)
+    add_bag(parser)
+    add_lenient(parser)
+    add_threads(parser)
+
+
+def run(args: Namespace) -> int:
     """Runs every method in a process of its own, then shows them together; one folder, whole or not at all."""
-    request = _request(options)
-    check_writable(options.output)
+    request = _request(args)
+    check_writable(args.output)
     rows: list[dict[str, Any]] = []
-    with whole_or_nothing(options.output) as place:
+    with whole_or_nothing(args.output) as place:
         place.mkdir(exist_ok=True)
         with ProgressBar() as progress:
-            rows += [_run_child({**request, "method": m, "run": str(place / m)}, progress) for m in options.methods]
+            rows += [_run_child({**request, "method": m, "run": str(place / m)}, progress) for m in args.methods]
         if all("failed" in row for row in rows):
             raise MapmendError(rows[0]["failed"])
         for note in next(row["notes"] for row in rows if "notes" in row):
             say(f"note: {note}")
         values = {
             "mapmend": __version__,
-            "log": Path(options.log).name,
-            "relations": Path(options.relations).name if options.relations else None,
+            "log": Path(args.log).name,
+            "relations": Path(args.relations).name if args.relations else None,
             "seed": request["config"]["seed"],
             "methods": [{name: value for name, value in row.items() if name != "notes"} for row in rows],
         }
         _draw(values, place)
         write_whole(place / RUN_FILE, json.dumps(values, indent=2, allow_nan=False) + "\n")
-    if options.json:
-        print_json({**values, "output": options.output})
+    if args.json:
+        print_json({**values, "output": args.output})
     else:
-        print("\n".join(_lines(values, options.output)))
+        print("\n".join(_lines(values, args.output)))
     return 0
 
 
-def _request(options: Namespace) -> dict[str, Any]:
+def _request(args: Namespace) -> dict[str, Any]:
     """What the children are told; wrong settings and relations are refused before the work begins."""
-    from mapmend.commands.map_log import configuration
     from mapmend.config import to_dict
     from mapmend.io.relations import read_relations
     from mapmend.slam import check_method
 
-    config = configuration(options)
-    repeated = {method for method in options.methods if options.methods.count(method) > 1}
+    config = map_config(args)
+    repeated = {method for method in args.methods if args.methods.count(method) > 1}
     if repeated:
         raise MapmendError(f"--methods names {', '.join(sorted(repeated))} twice")
-    for method in options.methods:
+    for method in args.methods:
         check_method(method, config)
-    log, relations = named_file(options.log), named_file(options.relations) if options.relations else None
+    log, relations = named_file(args.log), named_file(args.relations) if args.relations else None
     if not os.path.exists(log):
-        raise InputError(options.log, "is not there", "check the path")
+        raise InputError(args.log, "is not there", "check the path")
     if relations:
         read_relations(relations)
     return {
         "log": str(log),
-        "name": options.log,
-        "lenient": options.lenient,
-        "bag": {name: getattr(options, name) for name in BAG},
+        "name": args.log,
+        "lenient": args.lenient,
+        "bag": {name: getattr(args, name) for name in BAG_ARGUMENTS},
         "config": to_dict(config),
-        "threads": thread_count(options.threads),
+        "threads": thread_count(args.threads),
         "relations": str(relations) if relations else None,
     }
 

@@ -13,7 +13,7 @@ import time
 from argparse import Namespace
 from typing import Any
 
-from mapmend.commands.console import bag_options
+from mapmend.commands.common.options import bag_options
 from mapmend.compiling import watch_compiling
 from mapmend.config import from_dict
 from mapmend.errors import MapmendError

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from typing import Any
 
-from mapmend.commands.console import ProgressBar, print_json, say
+from mapmend.commands.common.console import ProgressBar, print_json, say
 from mapmend.datasets.cache import cache_folder, is_fetched
 from mapmend.datasets.fetch import fetch
 from mapmend.datasets.registry import DATASETS, Dataset, find
 from mapmend.errors import MapmendError
 
 
-def run(options: Namespace) -> int:
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "A log that was fetched is read by its name: mapmend map intel -o RUN."
+    parser.add_argument("action", choices=("list", "fetch"), nargs="?", default="list", help="default: list")
+    parser.add_argument("names", metavar="NAME", nargs="*", help="the logs to fetch")
+    parser.add_argument("--mirror", metavar="URL", help="fetch the files from this address instead, by their names")
+
+
+def run(args: Namespace) -> int:
     """Lists what there is, or fetches what is named."""
-    return _list(options) if options.action == "list" else _fetch(options)
+    return _list(args) if args.action == "list" else _fetch(args)
 
 
-def _list(options: Namespace) -> int:
-    if options.names:
+def _list(args: Namespace) -> int:
+    if args.names:
         raise MapmendError("mapmend datasets list takes no names; to fetch them: mapmend datasets fetch NAME")
     rows = [_row(dataset) for dataset in DATASETS]
-    if options.json:
+    if args.json:
         print_json({"cache": str(cache_folder()), "datasets": rows})
         return 0
     width = max(len(row["name"]) for row in rows)
@@ -31,22 +38,22 @@ def _list(options: Namespace) -> int:
     return 0
 
 
-def _fetch(options: Namespace) -> int:
-    if not options.names:
+def _fetch(args: Namespace) -> int:
+    if not args.names:
         raise MapmendError(f"name what to fetch: {', '.join(dataset.name for dataset in DATASETS)}")
-    chosen = [_find(name) for name in options.names]
+    chosen = [_find(name) for name in args.names]
     rows = []
     for dataset in chosen:
         try:
             with ProgressBar() as progress:
-                paths = fetch(dataset, mirror=options.mirror, progress=progress)
+                paths = fetch(dataset, mirror=args.mirror, progress=progress)
         except KeyboardInterrupt:
             say("what has come is kept; fetch again to go on from there")
             raise
         rows.append({**_row(dataset), "files": [str(path) for path in paths]})
-        if not options.json:
+        if not args.json:
             print("\n".join(_lines(rows[-1])))
-    if options.json:
+    if args.json:
         print_json({"cache": str(cache_folder()), "datasets": rows})
     return 0
 

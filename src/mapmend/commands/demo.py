@@ -3,59 +3,81 @@
 from __future__ import annotations
 
 import json
-from argparse import Namespace
-from dataclasses import replace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mapmend import __version__
-from mapmend.commands.console import ProgressBar, print_json, table, thread_count, told_compiling
-from mapmend.commands.simulate import write_simulation
-from mapmend.config import Config
-from mapmend.evaluation.trajectory import TrajectoryErrors, trajectory_errors
+from mapmend.commands.common.console import ProgressBar, print_json, table, told_compiling
+from mapmend.commands.common.options import add_threads, thread_count, whole_number
+from mapmend.commands.common.simulated import write_simulation
 from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
-from mapmend.run_folder import write_run
-from mapmend.simulation import OdometryModel, Simulation, corridor_loop, simulate
-from mapmend.slam import MapResult, build_map
-from mapmend.view.figures import MapPanel, draw_comparison
+
+if TYPE_CHECKING:
+    from mapmend.evaluation.trajectory import TrajectoryErrors
+    from mapmend.simulation import Simulation
+    from mapmend.slam import MapResult
+    from mapmend.view.figures import MapPanel
 
 METHODS = ("odometry", "scanmatch", "go", "igo")
 PICTURE = "demo.png"
 
-# Wheels as of a worn robot: they turn a little to the left and slip where the floor is waxed.
-ODOMETRY = OdometryModel(rotation_bias_radpm=0.004, random_slip_count=4)
+# The wheels of a worn robot: they turn a little to the left and slip where the floor is waxed.
+ROTATION_BIAS_RADPM, SLIPS = 0.004, 4
 
 
-def run(options: Namespace) -> int:
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "Writes the log, the truth, a RUN folder for each method, and demo.png. Replaces an earlier demo."
+    parser.add_argument("-o", "--output", metavar="DIR", default="demo", help="folder to write (default: demo)")
+    parser.add_argument(
+        "--seed", type=whole_number, default=1, metavar="N", help="seed of noise and slips (default: 1)"
+    )
+    add_threads(parser)
+
+
+def run(args: Namespace) -> int:
     """Simulates, maps by each method, compares; leaves everything in one folder, whole or not at all."""
-    check_writable(options.output)
-    threads = thread_count(options.threads)
-    simulation = simulate(corridor_loop(), odometry=ODOMETRY, seed=options.seed)
+    from mapmend.config import Config
+    from mapmend.run_folder import write_run
+    from mapmend.slam import build_map
+    from mapmend.view.figures import draw_comparison
+
+    check_writable(args.output)
+    threads = thread_count(args.threads)
+    simulation = demo_drive(args.seed)
     rows: list[dict[str, Any]] = []
     panels: list[MapPanel] = []
-    with whole_or_nothing(options.output) as place, told_compiling() as compiling:
+    with whole_or_nothing(args.output) as place, told_compiling() as compiling:
         write_simulation(simulation, place)
         for method in METHODS:
             with ProgressBar() as progress:
-                result = build_map(
-                    simulation.log, method, replace(Config(), seed=options.seed), threads=threads, progress=progress
-                )
+                result = build_map(simulation.log, method, Config(seed=args.seed), threads=threads, progress=progress)
             page = write_run(result, place / method, source="log.clf")
             errors = errors_of(result, simulation)
             rows.append(_row(method, errors, page))
             panels.append(_panel(method, errors, result))
         draw_comparison(simulation.world.walls, simulation.truth, panels, place / PICTURE)
-        values = {"mapmend": __version__, "world": simulation.world.name, "seed": options.seed, "methods": rows}
+        values = {"mapmend": __version__, "world": simulation.world.name, "seed": args.seed, "methods": rows}
         _write_page(values, place)
-    if options.json:
-        print_json({**values, "compile_seconds": round(compiling.seconds, 3), "output": options.output})
+    if args.json:
+        print_json({**values, "compile_seconds": round(compiling.seconds, 3), "output": args.output})
     else:
-        print("\n".join(_lines(simulation, rows, options.output)))
+        print("\n".join(_lines(simulation, rows, args.output)))
     return 0
+
+
+def demo_drive(seed: int) -> Simulation:
+    """The drive that the demo maps."""
+    from mapmend.simulation import OdometryModel, corridor_loop, simulate
+
+    odometry = OdometryModel(rotation_bias_radpm=ROTATION_BIAS_RADPM, random_slip_count=SLIPS)
+    return simulate(corridor_loop(), odometry=odometry, seed=seed)
 
 
 def errors_of(result: MapResult, simulation: Simulation) -> TrajectoryErrors:
     """The absolute trajectory error of a result: poses of the robot, aligned with the truth."""
+    from mapmend.evaluation.trajectory import trajectory_errors
+
     estimate = result.trajectory
     return trajectory_errors(estimate.stamps_s, estimate.poses, simulation.log.stamps_s, simulation.truth)
 
@@ -71,6 +93,8 @@ def _row(method: str, errors: TrajectoryErrors, page: dict[str, Any]) -> dict[st
 
 
 def _panel(method: str, errors: TrajectoryErrors, result: MapResult) -> MapPanel:
+    from mapmend.view.figures import MapPanel
+
     title = f"{method}: {errors.translation_rmse_m:.3f} m, {errors.rotation_mean_deg:.2f}°"
     return MapPanel(title, result.occupancy, result.trajectory.poses, errors.T_reference_estimate)
 

@@ -3,57 +3,90 @@
 from __future__ import annotations
 
 import time
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from mapmend.commands.console import ProgressBar, print_json, say_notes, table, thread_count, told_compiling
-from mapmend.datasets.cache import named_file
+from mapmend.commands.common.console import ProgressBar, print_json, say_notes, table, told_compiling
+from mapmend.commands.common.options import KERNELS, STARTS, add_threads, positive_number, thread_count
 from mapmend.errors import InputError, MapmendError
-from mapmend.graph.best_start import StartedResult, optimize_from
-from mapmend.graph.optimizer import edge_chi2
-from mapmend.graph.pose_graph import PoseGraph
-from mapmend.graph.robust import DISTRUST_WEIGHT, Kernel, distrusted, kernel_of
-from mapmend.io.files import read_bytes
-from mapmend.io.g2o import write_g2o
-from mapmend.io.graph_lines import parse_graph
+from mapmend.io.formats import PACKED, graph_format_of
 from mapmend.io.output import check_file_writable
-from mapmend.io.reader import recognise
-from mapmend.io.toro import write_toro
 
-WRITERS = {"g2o": write_g2o, "toro": write_toro}
-SUFFIXES = {".g2o": "g2o", ".toro": "toro", ".graph": "toro"}
-PACKED = (".gz", ".bz2")
+if TYPE_CHECKING:
+    from mapmend.graph.best_start import StartedResult
+    from mapmend.graph.pose_graph import PoseGraph
+    from mapmend.graph.robust import Kernel
+
 MOST_ROWS = 20
 
 
-def run(options: Namespace) -> int:
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = (
+        "Reads and writes g2o and TORO; scans on the nodes are kept. With a kernel, lists the loops that it distrusts."
+    )
+    parser.add_argument("graph", metavar="GRAPH", help="a g2o or TORO graph (.gz and .bz2 too)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        required=True,
+        help="the file to write: .g2o, or .toro or .graph; with any other name, in the format of GRAPH",
+    )
+    parser.add_argument(
+        "--kernel", choices=("none", *KERNELS), default="none", help="robust cost of the loop edges (default: none)"
+    )
+    parser.add_argument(
+        "--phi",
+        type=positive_number,
+        metavar="X",
+        help="chi2 from which on the kernel lowers an edge's weight (default: the kernel's own)",
+    )
+    parser.add_argument(
+        "--init",
+        choices=("auto", *STARTS),
+        default="auto",
+        help="the poses to start from: those in GRAPH (given), along the odometry (best with a kernel), along a "
+        "spanning tree of the most certain edges, or rotations first, then positions (chordal); auto (default): "
+        "given, and chordal too where that ends badly",
+    )
+    parser.add_argument("--all-edges", action="store_true", help="apply the kernel to odometry edges too")
+    add_threads(parser)
+
+
+def run(args: Namespace) -> int:
     """Reads, optimizes, writes; what can't end well is refused before the work begins."""
-    kernel = kernel_of(options.kernel, options.phi)
-    if kernel is None and (options.phi is not None or options.all_edges):
+    import numpy as np
+
+    from mapmend.datasets.cache import named_file
+    from mapmend.graph.best_start import optimize_from
+    from mapmend.graph.optimizer import edge_chi2
+    from mapmend.graph.robust import kernel_of
+    from mapmend.io.graph_text import write_graph
+
+    kernel = kernel_of(args.kernel, args.phi)
+    if kernel is None and (args.phi is not None or args.all_edges):
         raise MapmendError("--phi and --all-edges say how a kernel doubts; name one with --kernel")
-    if Path(options.output).suffix in PACKED:
-        raise MapmendError(f"{options.output}: graphs are written plain; name it without {Path(options.output).suffix}")
-    check_file_writable(options.output)
+    if Path(args.output).suffix in PACKED:
+        raise MapmendError(f"{args.output}: graphs are written plain; name it without {Path(args.output).suffix}")
+    check_file_writable(args.output)
     began = time.perf_counter()
-    graph, written_as = read_graph(named_file(options.graph))
+    graph, written_as = read_graph(named_file(args.graph))
     seconds = {"read": time.perf_counter() - began}
     with ProgressBar() as progress, told_compiling() as compiling:
         given_chi2 = float(edge_chi2(graph).sum())
-        doubted = np.ones_like(graph.is_loop) if options.all_edges else graph.is_loop
-        threads = thread_count(options.threads)
-        found = optimize_from(graph, options.init, progress=progress, kernel=kernel, doubted=doubted, threads=threads)
+        doubted = np.ones_like(graph.is_loop) if args.all_edges else graph.is_loop
+        threads = thread_count(args.threads)
+        found = optimize_from(graph, args.init, progress=progress, kernel=kernel, doubted=doubted, threads=threads)
     optimized = graph.with_poses(found.result.poses)
     seconds |= found.seconds | {"compile": compiling.seconds}
     began = time.perf_counter()
-    WRITERS[SUFFIXES.get(Path(options.output).suffix, written_as)](options.output, optimized)
+    write_graph(args.output, optimized, graph_format_of(args.output) or written_as)
     seconds["write"] = time.perf_counter() - began
     say_notes(graph.notes)
-    values = _values(options, kernel, optimized, found, given_chi2) | {"seconds": seconds}
-    if options.json:
+    values = _values(args, kernel, optimized, found, given_chi2) | {"seconds": seconds}
+    if args.json:
         print_json(values)
     else:
         print("\n".join(_lines(values)))
@@ -62,6 +95,10 @@ def run(options: Namespace) -> int:
 
 def read_graph(path: Path) -> tuple[PoseGraph, str]:
     """The graph in a file, and whether its lines are g2o's or TORO's; raises InputError for other content."""
+    from mapmend.io.files import read_bytes
+    from mapmend.io.graph_lines import parse_graph
+    from mapmend.io.reader import recognise
+
     data = read_bytes(path)
     if recognise(data, path) != "graph":
         raise InputError(path, "holds no pose graph", "name a g2o or TORO graph")
@@ -70,19 +107,22 @@ def read_graph(path: Path) -> tuple[PoseGraph, str]:
 
 
 def _values(
-    options: Namespace, kernel: Kernel | None, graph: PoseGraph, found: StartedResult, given_chi2: float
+    args: Namespace, kernel: Kernel | None, graph: PoseGraph, found: StartedResult, given_chi2: float
 ) -> dict[str, Any]:
     """What ``--json`` prints, but for the seconds; ``init`` is the start that was taken, ``ends`` those tried."""
+    from mapmend.graph.optimizer import edge_chi2
+    from mapmend.graph.robust import distrusted
+
     result = found.result
     rows, chi2 = distrusted(result.edge_weights), edge_chi2(graph)
     loops = graph.is_loop
     return {
-        "graph": options.graph,
-        "output": options.output,
+        "graph": args.graph,
+        "output": args.output,
         "nodes": len(graph),
         "edges": len(graph.edges),
         "loops": int(loops.sum()),
-        "kernel": options.kernel,
+        "kernel": args.kernel,
         "phi": None if kernel is None else kernel.phi,
         "init": found.taken,
         "ends": [asdict(end) for end in found.ends],
@@ -137,6 +177,8 @@ def _start_lines(values: dict[str, Any]) -> list[str]:
 
 def _distrust_lines(rows: list[dict[str, Any]]) -> list[str]:
     """The edges least trusted, the worst first."""
+    from mapmend.graph.robust import DISTRUST_WEIGHT
+
     lines = [f"  distrusts {len(rows)} edges (weight below {DISTRUST_WEIGHT:g})"]
     worst = sorted(rows, key=lambda row: (row["weight"], -row["chi2"]))[:MOST_ROWS]
     if worst:

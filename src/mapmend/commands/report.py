@@ -2,36 +2,49 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mapmend.commands.console import ProgressBar, print_json, say, thread_count, told_compiling
-from mapmend.config import Config, read_toml
+from mapmend.commands.common.console import ProgressBar, print_json, say, told_compiling
+from mapmend.commands.common.options import add_config, add_threads, read_config, thread_count
 from mapmend.io.output import check_file_writable, write_whole
-from mapmend.report.page import report_page
-from mapmend.report.run_data import Run, read_checked
+
+if TYPE_CHECKING:
+    from mapmend.report.run_data import Run
 
 PAGE = "report.html"
 
 
-def run(options: Namespace) -> int:
-    """Checks the graphs of ``options.run`` and ``options.compare`` and writes the page; 0 whatever the verdict."""
-    config = read_toml(options.config) if options.config else Config()
-    folders = [options.run, *options.compare]
-    path = Path(options.output) if options.output else Path(options.run) / PAGE
-    if Path(options.run).is_dir():
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "The page holds all of its data, opens in any browser, and loads nothing from the network."
+    parser.add_argument("run", metavar="RUN", help="the folder that `mapmend map` wrote")
+    parser.add_argument("--compare", metavar="RUN", nargs="+", default=[], help="other runs to show beside it")
+    parser.add_argument("-o", "--output", metavar="FILE", help="the page to write (default: RUN/report.html)")
+    add_config(parser, "settings of the check, in TOML")
+    add_threads(parser)
+
+
+def run(args: Namespace) -> int:
+    """Checks the graphs of ``args.run`` and ``args.compare`` and writes the page; 0 whatever the verdict."""
+    from mapmend.report.page import report_page
+    from mapmend.report.run_data import read_checked
+
+    config = read_config(args)
+    folders = [args.run, *args.compare]
+    path = Path(args.output) if args.output else Path(args.run) / PAGE
+    if Path(args.run).is_dir():
         check_file_writable(path)
     with ProgressBar() as progress, told_compiling():
         runs = [
-            read_checked(folder, config, threads=thread_count(options.threads), progress=progress) for folder in folders
+            read_checked(folder, config, threads=thread_count(args.threads), progress=progress) for folder in folders
         ]
     for one in runs:
         if one.result is None:
             say(f"note: {one.name} was not checked: {one.unchecked}")
     text = report_page(runs)
     write_whole(path, text)
-    if options.json:
+    if args.json:
         print_json({"report": str(path), "bytes": len(text.encode()), "runs": [_facts(one) for one in runs]})
     else:
         for one in runs:

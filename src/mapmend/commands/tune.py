@@ -3,44 +3,67 @@
 from __future__ import annotations
 
 import time
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from mapmend.commands.check import load_graph
-from mapmend.commands.console import ProgressBar, print_json, say, say_notes, table, thread_count, told_compiling
-from mapmend.config import Config, read_toml
+from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, table, told_compiling
+from mapmend.commands.common.inputs import load_graph
+from mapmend.commands.common.options import KERNELS, STARTS, add_config, add_threads, read_config, thread_count
 from mapmend.errors import InputError, MapmendError, OutputError
-from mapmend.graph.optimizer import edge_chi2
-from mapmend.graph.robust import TRUE_EDGE_CHI2
-from mapmend.io.g2o import write_g2o
+from mapmend.io.formats import graph_format_of
 from mapmend.io.output import check_file_writable, write_whole
-from mapmend.io.toro import write_toro
-from mapmend.tuning.dcs import PUBLISHED_PHI, TuneResult, tune
+
+if TYPE_CHECKING:
+    from mapmend.tuning.dcs import TuneResult
 
 INCONSISTENT = 1
 GRAPH, PICTURE = "graph.g2o", "tune.png"
-WRITERS = {".g2o": write_g2o, ".toro": write_toro, ".graph": write_toro}
 MOST_ROWS = 10
 
 
 @dataclass(frozen=True)
-class Places:
+class Outputs:
     """Where the optimized graph and the picture go."""
 
     graph: Path
+    format: str
     picture: Path
 
 
-def run(options: Namespace) -> int:
-    """Tunes ``options.graph``; 0 where the map at phi* is consistent, 1 where no phi gives a consistent one."""
-    config = read_toml(options.config) if options.config else Config()
-    places = _places(options.output)
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = (
+        "Needs a pose graph whose nodes carry scans, and no ground truth. Lists the loops that it switched off."
+    )
+    parser.add_argument("graph", metavar="RUN|GRAPH", help="a RUN folder, or a g2o or TORO graph (.gz and .bz2 too)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        help="a folder for graph.g2o and tune.png; or the file for the graph (.g2o, .toro, .graph), with tune.png "
+        "beside it (default: write nothing)",
+    )
+    parser.add_argument("--kernel", choices=KERNELS, default="dcs", help="the kernel to tune (default: dcs)")
+    parser.add_argument(
+        "--init",
+        choices=STARTS,
+        default="odometry",
+        help="the poses that every solution starts from: along the odometry (default), given: those in GRAPH, along a "
+        "spanning tree of the most certain edges, or chordal: rotations first, then positions",
+    )
+    add_config(parser)
+    add_threads(parser)
+
+
+def run(args: Namespace) -> int:
+    """Tunes ``args.graph``; 0 where the map at phi* is consistent, 1 where no phi gives a consistent one."""
+    from mapmend.tuning.dcs import tune
+
+    config = read_config(args)
+    outputs = _outputs(args.output)
     began = time.perf_counter()
-    graph = load_graph(options.graph)
+    graph = load_graph(args.graph)
     seconds = {"read": time.perf_counter() - began}
     began = time.perf_counter()
     try:
@@ -48,67 +71,71 @@ def run(options: Namespace) -> int:
             result = tune(
                 graph,
                 config,
-                kernel=options.kernel,
-                init=options.init,
-                threads=thread_count(options.threads),
+                kernel=args.kernel,
+                init=args.init,
+                threads=thread_count(args.threads),
                 progress=progress,
             )
     except MapmendError as error:
-        raise InputError(
-            options.graph, str(error), "name a graph with scans and loops, or try another --init"
-        ) from error
+        raise InputError(args.graph, str(error), "name a graph with scans and loops, or try another --init") from error
     seconds |= {"tune": time.perf_counter() - began, "compile": compiling.seconds}
     say_notes(graph.notes)
     for note in result.notes:
         say(f"note: {note}")
     began = time.perf_counter()
-    if places is not None:
-        _write(places, result, options)
+    if outputs is not None:
+        _write(outputs, result, args)
     seconds["write"] = time.perf_counter() - began
-    page = report(options, result, places) | {"seconds": {k: round(v, 3) for k, v in seconds.items()}}
-    if options.json:
-        print_json(page)
+    values = report(args, result, outputs) | {"seconds": {k: round(v, 3) for k, v in seconds.items()}}
+    if args.json:
+        print_json(values)
     else:
-        print("\n".join(lines(page)))
+        print("\n".join(lines(values)))
     return 0 if result.consistent else INCONSISTENT
 
 
-def _places(output: str | None) -> Places | None:
+def _outputs(output: str | None) -> Outputs | None:
     """A name that ends as graphs do is the graph's, with the picture beside it; any other is a folder for both."""
     if not output:
         return None
     path = Path(output)
-    if path.suffix in WRITERS:
+    form = graph_format_of(path)
+    if form is not None:
         check_file_writable(path)
-        return Places(path, path.with_name(PICTURE))
+        return Outputs(path, form, path.with_name(PICTURE))
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{path}: can't be made ({error.strerror}); choose a place that can") from None
     check_file_writable(path / GRAPH)
-    return Places(path / GRAPH, path / PICTURE)
+    return Outputs(path / GRAPH, "g2o", path / PICTURE)
 
 
-def _write(places: Places, result: TuneResult, options: Namespace) -> None:
+def _write(outputs: Outputs, result: TuneResult, args: Namespace) -> None:
+    from mapmend.io.graph_text import write_graph
     from mapmend.view.tune_picture import tune_png
 
-    picture = tune_png(result, Path(options.graph).name)
-    WRITERS[places.graph.suffix](places.graph, result.graph)
-    write_whole(places.picture, picture)
+    picture = tune_png(result, Path(args.graph).name)
+    write_graph(outputs.graph, result.graph, outputs.format)
+    write_whole(outputs.picture, picture)
 
 
-def report(options: Namespace, result: TuneResult, places: Places | None) -> dict[str, Any]:
+def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict[str, Any]:
     """What ``--json`` prints, but for the seconds; nodes by their ids."""
+    from mapmend.graph.optimizer import edge_chi2
+    from mapmend.graph.robust import TRUE_EDGE_CHI2
+    from mapmend.tuning.dcs import PUBLISHED_PHI
+
     graph, chi2 = result.graph, edge_chi2(result.graph)
     verdict = result.check
     return {
-        "graph": options.graph,
-        "output": str(places.graph) if places else None,
-        "picture": str(places.picture) if places else None,
+        "graph": args.graph,
+        "output": str(outputs.graph) if outputs else None,
+        "picture": str(outputs.picture) if outputs else None,
         "nodes": len(graph),
-        "loops": int(np.count_nonzero(graph.is_loop)),
+        "loops": int(graph.is_loop.sum()),
         "kernel": result.kernel,
-        "init": options.init,
+        "init": args.init,
         "phi": result.phi,
         "least_phi": result.least_phi,
         "measure": result.measure_m,
@@ -122,21 +149,23 @@ def report(options: Namespace, result: TuneResult, places: Places | None) -> dic
         "consistent": result.consistent,
         "p_value": verdict.p_value,
         "verdicts": [checked._asdict() for checked in result.verdicts],
-        "scans_tested": int(np.count_nonzero(verdict.scans.tested)),
-        "scans_inconsistent": int(np.count_nonzero(verdict.scans.failed)),
+        "scans_tested": int(verdict.scans.tested.sum()),
+        "scans_inconsistent": int(verdict.scans.failed.sum()),
         "switched_off": [
             {"edge": row, "from": i, "to": j, "chi2": float(chi2[row]), "weight": float(result.edge_weights[row])}
             for row, (i, j) in zip(
                 result.switched_off.tolist(), graph.ids[graph.edges[result.switched_off]].tolist(), strict=True
             )
         ],
-        "contradicting": int(np.count_nonzero(chi2[result.switched_off] > TRUE_EDGE_CHI2)),
+        "contradicting": int((chi2[result.switched_off] > TRUE_EDGE_CHI2).sum()),
         "notes": [*map(str, graph.notes), *result.notes],
     }
 
 
 def lines(page: dict[str, Any]) -> list[str]:
     """The report for people."""
+    from mapmend.tuning.dcs import PUBLISHED_PHI
+
     seconds = {name: value for name, value in page["seconds"].items() if name != "compile"}
     compiled = f"; {page['seconds']['compile']:.1f} of them compiling" if page["seconds"]["compile"] else ""
     spent = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items())
@@ -161,6 +190,8 @@ def lines(page: dict[str, Any]) -> list[str]:
 
 def _off_lines(page: dict[str, Any]) -> list[str]:
     """The loops that were switched off, those farthest off first; and how many contradict the map at all."""
+    from mapmend.graph.robust import TRUE_EDGE_CHI2
+
     rows = page["switched_off"]
     if not rows:
         return ["  switched off no loop"]

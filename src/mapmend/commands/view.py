@@ -4,43 +4,50 @@ from __future__ import annotations
 
 import os
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from mapmend.commands.console import print_json
+from mapmend.commands.common.console import print_json
 from mapmend.errors import InputError, MapmendError
-from mapmend.io.nav2 import read_map
 from mapmend.io.output import check_file_writable, write_whole
-from mapmend.io.reader import read_run
-from mapmend.report.run_data import read_page
-from mapmend.view.rerun_recording import check_installed, record, rrd_bytes, show
 
 
-def run(options: Namespace) -> int:
-    """Replays ``options.run``; what is missing, a screen included, is told before anything is read."""
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "Needs rerun: pip install 'mapmend[view]'."
+    parser.add_argument("run", metavar="RUN", help="the folder that `mapmend map` wrote")
+    parser.add_argument("--save", metavar="FILE", help="write a recording (.rrd) and open no window")
+
+
+def run(args: Namespace) -> int:
+    """Replays ``args.run``; what is missing, a screen included, is told before anything is read."""
+    from mapmend.io.nav2 import read_map
+    from mapmend.io.reader import read_run
+    from mapmend.report.run_data import read_page
+    from mapmend.view.rerun_recording import check_installed, record, rrd_bytes, show
+
     check_installed()
-    if options.save:
-        check_file_writable(options.save)
+    if args.save:
+        check_file_writable(args.save)
     elif not _has_screen():
         raise MapmendError("there is no screen to open rerun on; give --save run.rrd and open that file elsewhere")
-    trajectory, graph = read_run(options.run)
+    trajectory, graph = read_run(args.run)
     if graph is None:
-        raise InputError(options.run, "the RUN holds no graph.g2o", "map the log again")
-    page = read_page(options.run)
-    grid = read_map(Path(options.run) / "map.yaml")
-    recording = record(trajectory, graph, grid, page.get("key_nodes") or [], Path(options.run).resolve().name)
+        raise InputError(args.run, "the RUN holds no graph.g2o", "map the log again")
+    page = read_page(args.run)
+    grid = read_map(Path(args.run) / "map.yaml")
+    recording = record(trajectory, graph, grid, page.get("key_nodes") or [], Path(args.run).resolve().name)
     told = {"scans": len(trajectory), "nodes": len(graph)}
-    if not options.save:
+    if not args.save:
         show(recording)
-        if options.json:
+        if args.json:
             print_json(told)
         return 0
     content = rrd_bytes(recording)
-    write_whole(options.save, content)
-    if options.json:
-        print_json({**told, "recording": options.save, "bytes": len(content)})
+    write_whole(args.save, content)
+    if args.json:
+        print_json({**told, "recording": args.save, "bytes": len(content)})
     else:
-        print(f"recording: {options.save} ({len(content) / 1e6:.1f} MB); open it with: rerun {options.save}")
+        print(f"recording: {args.save} ({len(content) / 1e6:.1f} MB); open it with: rerun {args.save}")
     return 0
 
 

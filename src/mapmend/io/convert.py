@@ -15,21 +15,13 @@ from mapmend.io.bags.container import bag_kind
 from mapmend.io.bags.options import BagOptions
 from mapmend.io.bags.write import MCAP, SQLITE, write_bag
 from mapmend.io.carmen import write_carmen
-from mapmend.io.g2o import write_g2o
+from mapmend.io.formats import BAG_FILE, GRAPH_FORMATS, LOG_FORMATS, TRAJECTORY_FORMATS, format_of
+from mapmend.io.graph_text import write_graph
 from mapmend.io.kitti import COLUMNS, read_kitti, write_kitti
 from mapmend.io.reader import read, read_run
-from mapmend.io.toro import write_toro
 from mapmend.io.tum import write_tum
 from mapmend.scan import Note, ScanLog
 from mapmend.trajectory import Trajectory
-
-FORMATS = ("carmen", "mcap", "sqlite3", "g2o", "toro", "tum", "kitti")
-BY_SUFFIX = {
-    ".clf": "carmen", ".log": "carmen", ".carmen": "carmen", ".mcap": "mcap", "": "mcap", ".g2o": "g2o",
-    ".toro": "toro", ".graph": "toro", ".tum": "tum", ".kitti": "kitti",
-}  # fmt: skip
-
-_LOGS, _GRAPHS, _PATHS = ("carmen", "mcap", "sqlite3"), ("g2o", "toro"), ("tum", "kitti")
 
 
 @dataclass(frozen=True)
@@ -56,16 +48,6 @@ class Converted:
     notes: tuple[Note, ...] = ()
 
 
-def format_of(path: str | Path) -> str:
-    """The format that a file's name asks for; raises MapmendError where it asks for none."""
-    suffix = Path(path).suffix.lower()
-    if suffix == ".bag":
-        raise MapmendError(f"{path}: ROS 1 bags are read, not written; name a folder or a .mcap file for a ROS 2 bag")
-    if suffix not in BY_SUFFIX:
-        raise MapmendError(f"{path}: the name tells no format; choose one with --to: {', '.join(FORMATS)}")
-    return BY_SUFFIX[suffix]
-
-
 def convert(
     source: str | Path,
     target: str | Path,
@@ -81,24 +63,24 @@ def convert(
     new format can't hold what the old one is about, OutputError where it can't be written.
     """
     form = to or format_of(target)
-    if form == "sqlite3" and Path(target).suffix == ".mcap":
+    if form == "sqlite3" and Path(target).suffix == BAG_FILE:
         raise MapmendError(f"{target}: an .mcap file holds no sqlite3; name a folder")
     content = _load(source, form, bag, lenient)
     if stamps is not None:
         content = _stamped(content, stamps, source)
     kind = _kind(content)
     losses: list[str] = []
-    if form in _LOGS:
+    if form in LOG_FORMATS:
         log, losses = as_log(content, source)
         _LOG_WRITERS[form](target, log)
         count = len(log)
-    elif form in _GRAPHS:
+    elif form in GRAPH_FORMATS:
         graph = as_graph(content, source)
-        (write_g2o if form == "g2o" else write_toro)(target, graph)
+        write_graph(target, graph, form)
         count = len(graph)
     else:
         count, losses = _write_path(content, form, source, target)
-    if bag_kind(source) is not None and form in _LOGS:
+    if bag_kind(source) is not None and form in LOG_FORMATS:
         losses.append("other topics of the bag, intensities and the time within a sweep")
     notes = content.notes if isinstance(content, PoseGraph) else ()
     return Converted(kind, form, count, tuple(losses), notes)
@@ -116,7 +98,7 @@ def _load(source: str | Path, form: str, bag: BagOptions | None, lenient: bool) 
     place = Path(source)
     if place.is_dir() and bag_kind(place) is None:
         trajectory, graph = read_run(place)
-        if form in _PATHS:
+        if form in TRAJECTORY_FORMATS:
             return trajectory
         if graph is None:
             raise InputError(source, "the RUN holds no graph.g2o", "map the log again")

@@ -8,7 +8,7 @@ from typing import IO
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.files import read_bytes
 from mapmend.io.graph_lines import parse_graph
-from mapmend.io.graph_text import G2O, write_graph
+from mapmend.io.graph_text import write_graph
 
 
 def read_g2o(path: str | Path) -> PoseGraph:
@@ -25,4 +25,4 @@ def write_g2o(target: str | Path | IO[str], graph: PoseGraph) -> None:
 
     Raises OutputError where the file can't be written.
     """
-    write_graph(target, graph, G2O)
+    write_graph(target, graph, "g2o")

@@ -14,22 +14,25 @@ from mapmend.io.laser_text import numbers, robot_laser_lines
 from mapmend.io.output import write_whole
 from mapmend.scan import Scans
 
-G2O = ("VERTEX_SE2", "EDGE_SE2", (0, 1, 2, 4, 5, 8))  # I11 I12 I13 I22 I23 I33
-TORO = ("VERTEX2", "EDGE2", (0, 1, 4, 8, 2, 5))  # I11 I12 I22 I33 I13 I23
+# By format: the words before a node and an edge, and the order of the information's entries (row-major).
+_LINES = {
+    "g2o": ("VERTEX_SE2", "EDGE_SE2", (0, 1, 2, 4, 5, 8)),  # I11 I12 I13 I22 I23 I33
+    "toro": ("VERTEX2", "EDGE2", (0, 1, 4, 8, 2, 5)),  # I11 I12 I22 I33 I13 I23
+}
 
 
-def write_graph(target: str | Path | IO[str], graph: PoseGraph, words: tuple[str, str, tuple[int, ...]]) -> None:
-    """Write a graph to a file, whole or not at all, or to a text stream."""
-    text = graph_text(graph, words)
+def write_graph(target: str | Path | IO[str], graph: PoseGraph, form: str) -> None:
+    """Write a graph as ``form``, ``g2o`` or ``toro``, to a file, whole or not at all, or to a text stream."""
+    text = graph_text(graph, form)
     if isinstance(target, str | Path):
         write_whole(target, text)
     else:
         target.write(text.decode())
 
 
-def graph_text(graph: PoseGraph, words: tuple[str, str, tuple[int, ...]]) -> bytes:
+def graph_text(graph: PoseGraph, form: str) -> bytes:
     """The file's content: vertices each followed by its scan, then the edges, all to the last bit; marks last."""
-    vertex_word, edge_word, order = words
+    vertex_word, edge_word, order = _LINES[form]
     lines = []
     scan_lines = _scan_lines(graph)
     ids = graph.ids.tolist()

@@ -8,7 +8,7 @@ from typing import IO
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.files import read_bytes
 from mapmend.io.graph_lines import parse_graph
-from mapmend.io.graph_text import TORO, write_graph
+from mapmend.io.graph_text import write_graph
 
 
 def read_toro(path: str | Path) -> PoseGraph:
@@ -18,4 +18,4 @@ def read_toro(path: str | Path) -> PoseGraph:
 
 def write_toro(target: str | Path | IO[str], graph: PoseGraph) -> None:
     """Write a graph as TORO reads it, with its scans; raises OutputError where the file can't be written."""
-    write_graph(target, graph, TORO)
+    write_graph(target, graph, "toro")

@@ -6,7 +6,7 @@ that changing one leaves the others as they were.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
@@ -102,6 +102,20 @@ class Simulation:
     truth: Array
     path_m: Array
     slips: tuple[SlipEvent, ...] = field(default=())
+
+
+def first_scans(simulation: Simulation, count: int | None) -> Simulation:
+    """The simulation as if it had ended after ``count`` scans (None: as it is)."""
+    if count is None or count >= len(simulation.log):
+        return simulation
+    log = simulation.log
+    rows = np.arange(count, dtype=np.int64)
+    short = replace(
+        log, scans=log.scans.select(rows), stamps_s=log.stamps_s[:count].copy(), odometry=log.odometry[:count].copy()
+    )
+    path_m = simulation.path_m[:count]
+    slips = tuple(s for s in simulation.slips if s.start_m <= path_m[-1])
+    return replace(simulation, log=short, truth=simulation.truth[:count].copy(), path_m=path_m, slips=slips)
 
 
 def simulate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -117,6 +118,21 @@ def random_building(seed: int) -> World:
     if rng.uniform() < 0.5:  # a quarter turn
         walls, route = walls[:, [1, 0, 3, 2]] * [-1.0, 1.0, -1.0, 1.0], route[:, [1, 0]] * [-1.0, 1.0]
     return World(walls, f"random building {seed}", route)
+
+
+WORLDS: dict[str, Callable[[int], World]] = {
+    "corridor": lambda _seed: corridor_loop(),
+    "office": lambda _seed: office_floor(),
+    "random": random_building,
+}
+"""The buildings by name; only the random one depends on the seed."""
+
+
+def world_named(name: str, seed: int = 0) -> World:
+    """The building of that name; raises MapmendError for a name that is not in `WORLDS`."""
+    if name not in WORLDS:
+        raise MapmendError(f"there is no building {name!r}; there are {', '.join(WORLDS)}")
+    return WORLDS[name](seed)
 
 
 def _rooms(edges_m: tuple[float, ...], doors_m: tuple[float, ...], kinds: str) -> tuple[Room, ...]:

@@ -2,8 +2,7 @@
 
 import pytest
 
-from mapmend.commands.simulate import first_scans
-from mapmend.simulation import corridor_loop, simulate
+from mapmend.simulation import corridor_loop, first_scans, simulate
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from typing import Any
 
 from mapmend.errors import InputError, MapmendError
 from mapmend.io.bags.salvage import salvage, walk_mcap, walk_ros1, walk_sqlite
+from mapmend.io.formats import BAG_DATABASE, BAG_FILE
 from mapmend.scan import Note
 
 ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
@@ -79,7 +80,7 @@ def bag_kind(path: str | Path) -> str | None:
 
 def storage_files(folder: Path) -> list[Path]:
     """The files of a folder that hold messages, in the order of their names."""
-    return sorted(file for file in folder.iterdir() if file.suffix in (".mcap", ".db3") and file.is_file())
+    return sorted(file for file in folder.iterdir() if file.suffix in (BAG_FILE, BAG_DATABASE) and file.is_file())
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from mapmend.errors import MapmendError, OutputError
 from mapmend.geometry.se2 import Array
 from mapmend.io.bags.container import EXTRA
 from mapmend.io.bags.messages import NANOSECONDS, ODOMETRY_TYPE, SCAN_TYPE, TRANSFORM_TYPE
+from mapmend.io.formats import BAG_FILE
 from mapmend.scan import ScanLog
 
 MCAP, SQLITE = "mcap", "sqlite3"
@@ -34,7 +35,7 @@ def write_bag(target: str | Path, log: ScanLog, storage: str = MCAP) -> None:
     with _beside(place) as temporary:
         folder = temporary / place.name
         _write(folder, log, storage)
-        written = next(folder.glob("*.mcap")) if place.suffix == ".mcap" else folder
+        written = next(folder.glob(f"*{BAG_FILE}")) if place.suffix == BAG_FILE else folder
         if place.is_dir():
             place.rmdir()  # it is empty
         written.replace(place)
@@ -43,7 +44,7 @@ def write_bag(target: str | Path, log: ScanLog, storage: str = MCAP) -> None:
 def _check(place: Path, log: ScanLog) -> None:
     if place.is_dir() and any(place.iterdir()):
         raise OutputError(f"{place}: is there already; name a new folder for the bag")
-    if place.is_dir() == (place.suffix == ".mcap") and place.exists():
+    if place.is_dir() == (place.suffix == BAG_FILE) and place.exists():
         raise OutputError(f"{place}: is there already, and is a {'folder' if place.is_dir() else 'file'}; name another")
     if len(log) and not (log.stamps_s.min() >= 0.0 and log.stamps_s.max() < _LATEST_S):
         raise OutputError(f"{place}: a bag's stamps run from 0 to {_LATEST_S} s; the log's do not")

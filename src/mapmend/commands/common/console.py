@@ -1,25 +1,21 @@
-"""What all commands share: progress, notes, tables, JSON."""
+"""What commands print: progress, notes, tables, JSON."""
 
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
-from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
-
-from mapmend.io.bags.options import BagOptions
-from mapmend.scan import Note
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
 
     from mapmend.compiling import CompileWatch
+    from mapmend.scan import Note
 
 QUIET_S = 1.0
 MOST_NOTES = 8
@@ -109,15 +105,3 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         )
         for line in lines
     )
-
-
-def bag_options(options: Namespace) -> BagOptions:
-    """What the command line says about a ROS bag."""
-    return BagOptions(options.scan_topic, options.odom_topic, options.base_frame, options.deskew)
-
-
-def thread_count(asked: int) -> int:
-    """``asked``, or as many as cores may be used where that is 0."""
-    if asked:
-        return asked
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -3,18 +3,39 @@
 from __future__ import annotations
 
 import time
-from argparse import Namespace
-from dataclasses import replace
+from argparse import ArgumentParser, Namespace
 from threading import Thread
 from typing import Any
 
-from mapmend.commands.console import ProgressBar, bag_options, print_json, say, say_notes, thread_count, told_compiling
-from mapmend.config import Config, read_toml
-from mapmend.datasets.cache import named_file
+from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, told_compiling
+from mapmend.commands.common.options import (
+    METHODS,
+    add_bag,
+    add_lenient,
+    add_settings,
+    add_threads,
+    bag_options,
+    map_config,
+    thread_count,
+)
 from mapmend.io.output import check_writable
-from mapmend.io.read_log import read_log
-from mapmend.run_folder import write_run
-from mapmend.slam import build_map, check_method
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "The RUN folder holds trajectory.tum, graph.g2o, map.pgm with map.yaml, map.png and run.json."
+    parser.add_argument("log", metavar="LOG", help="a CARMEN log (.gz and .bz2 too) or a ROS bag")
+    parser.add_argument("-o", "--output", metavar="RUN", required=True, help="the folder to write; replaces a RUN")
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        default=METHODS[0],
+        help="igo: match, close loops, optimize, then match biased edges again (default); go: the same without "
+        "matching again; scanmatch: without loops; odometry: the poses in the log; gmapping: a particle filter",
+    )
+    add_settings(parser)
+    add_bag(parser)
+    add_lenient(parser)
+    add_threads(parser)
 
 
 def _import_ahead() -> None:
@@ -22,29 +43,34 @@ def _import_ahead() -> None:
     import mapmend.igo.iterate  # noqa: F401
 
 
-def run(options: Namespace) -> int:
+def run(args: Namespace) -> int:
     """Reads, maps, writes; what can't end well is refused before the work begins."""
-    config = configuration(options)
-    check_method(options.method, config)
-    check_writable(options.output)
+    from mapmend.datasets.cache import named_file
+    from mapmend.io.read_log import read_log
+    from mapmend.run_folder import write_run
+    from mapmend.slam import build_map, check_method
+
+    config = map_config(args)
+    check_method(args.method, config)
+    check_writable(args.output)
     imports = Thread(target=_import_ahead, daemon=True)
     imports.start()
     began = time.perf_counter()
     with ProgressBar() as progress:
-        log = read_log(named_file(options.log), options.lenient, bag_options(options), progress)
+        log = read_log(named_file(args.log), args.lenient, bag_options(args), progress)
     seconds = {"read": time.perf_counter() - began}
     imports.join()
     say_notes(log.notes)
     with ProgressBar() as progress, told_compiling() as compiling:
-        result = build_map(log, options.method, config, threads=thread_count(options.threads), progress=progress)
+        result = build_map(log, args.method, config, threads=thread_count(args.threads), progress=progress)
     seconds["compile"] = compiling.seconds
     if result.alignment is not None and not result.alignment.found:
         say("note: the walls have no main direction; the map keeps the robot's first heading")
-    page = write_run(result, options.output, source=options.log, seconds=seconds)
-    if options.json:
-        print_json({**page, "run": options.output})
+    page = write_run(result, args.output, source=args.log, seconds=seconds)
+    if args.json:
+        print_json({**page, "run": args.output})
     else:
-        print("\n".join(summary(page, options.output)))
+        print("\n".join(summary(page, args.output)))
     return 0
 
 
@@ -79,17 +105,3 @@ def summary(page: dict[str, Any], folder: str) -> list[str]:
     compiled = f"; {seconds['compile']:.1f} of them compiling" if seconds.get("compile") else ""
     lines += [f"  seconds: {sum(spent.values()):.1f} ({parts}{compiled})", f"  map: {folder}/map.png"]
     return lines
-
-
-def configuration(options: Namespace) -> Config:
-    """The settings that the options ask for."""
-    config = read_toml(options.config) if options.config else Config()
-    if options.seed is not None:
-        config = replace(config, seed=options.seed)
-    if options.no_odometry:
-        config = replace(config, motion=replace(config.motion, use_odometry=False))
-    if options.robust == "auto":
-        config = replace(config, loops=replace(config.loops, tune=True))
-    if options.align:
-        config = replace(config, grid=replace(config.grid, align=True))
-    return config

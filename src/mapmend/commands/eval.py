@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mapmend.commands.console import print_json
-from mapmend.datasets.cache import named_file
+from mapmend.commands.common.console import print_json
+from mapmend.commands.common.options import add_lenient
 from mapmend.errors import InputError, MapmendError
-from mapmend.evaluation.relations import relation_errors
-from mapmend.evaluation.trajectory import trajectory_errors
-from mapmend.geometry.se2 import compose
-from mapmend.graph.pose_graph import PoseGraph
-from mapmend.io.info import describe_content
-from mapmend.io.reader import read, read_run
-from mapmend.io.relations import read_relations
-from mapmend.scan import ScanLog, Scans
-from mapmend.trajectory import Trajectory
 
-Float = NDArray[np.float64]
+if TYPE_CHECKING:
+    from mapmend.geometry.se2 import Array as Float
+    from mapmend.scan import Scans
 
 
 @dataclass(frozen=True)
-class Measured:
+class TimedPoses:
     """Robot poses (n, 3) at stamps (n,); ``T_robot_laser`` where the file tells it, and ``what`` they are."""
 
     stamps_s: Float
@@ -36,44 +26,64 @@ class Measured:
     T_robot_laser: tuple[float, float, float] | None = None
 
 
-def run(options: Namespace) -> int:
-    """Measures ``options.file``; the numbers alone decide nothing, so the exit code is 0."""
-    if not (options.relations or options.reference):
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog = "Of a log its raw odometry is measured, of a graph with stamps its nodes."
+    parser.add_argument("file", metavar="RUN|FILE", help="a RUN folder, a TUM trajectory, a log or a graph")
+    parser.add_argument("--relations", metavar="F", help="relations 't1 t2 x y z roll pitch yaw' (Kuemmerle et al.)")
+    parser.add_argument("--reference", metavar="F", help="a trajectory to align with: absolute trajectory error")
+    parser.add_argument("--laser-frame", action="store_true", help="compare poses of the laser, not of the robot")
+    add_lenient(parser)
+
+
+def run(args: Namespace) -> int:
+    """Measures ``args.file``; the numbers alone decide nothing, so the exit code is 0."""
+    import numpy as np
+
+    if not (args.relations or args.reference):
         raise MapmendError("nothing to compare with; give --relations F or --reference F")
-    measured = load(options.file, options.lenient)
-    values: dict[str, Any] = {"what": measured.what, "frame": "laser" if options.laser_frame else "robot"}
+    measured = load(args.file, args.lenient)
+    values: dict[str, Any] = {"what": measured.what, "frame": "laser" if args.laser_frame else "robot"}
     mounting = None
-    if options.laser_frame:
+    if args.laser_frame:
         if measured.T_robot_laser is None:
-            raise InputError(options.file, "does not tell where the laser sits", "give a RUN or a log")
+            raise InputError(args.file, "does not tell where the laser sits", "give a RUN or a log")
         mounting = np.array(measured.T_robot_laser)
-    if options.relations:
-        values |= _against_relations(measured, options.relations, mounting)
-    if options.reference:
-        values |= _against_reference(measured, options.reference, options.lenient, mounting)
-    if options.json:
+    if args.relations:
+        values |= _against_relations(measured, args.relations, mounting)
+    if args.reference:
+        values |= _against_reference(measured, args.reference, args.lenient, mounting)
+    if args.json:
         print_json(values)
     else:
         print("\n".join(_lines(values)))
     return 0
 
 
-def load(path: str, lenient: bool = False) -> Measured:
+def load(path: str, lenient: bool = False) -> TimedPoses:
     """The poses in a RUN folder, trajectory, log (raw odometry) or graph with stamps; raises InputError."""
+    import numpy as np
+
+    from mapmend.datasets.cache import named_file
+    from mapmend.graph.pose_graph import PoseGraph
+    from mapmend.io.info import describe_content
+    from mapmend.io.reader import read, read_run
+    from mapmend.scan import ScanLog
+    from mapmend.trajectory import Trajectory
+
     if Path(path).is_dir():
         trajectory, graph = read_run(path)
         mounting = None if graph is None else _mounting(graph.scans)
-        return Measured(trajectory.stamps_s, trajectory.poses, "trajectory of the run", mounting)
+        return TimedPoses(trajectory.stamps_s, trajectory.poses, "trajectory of the run", mounting)
     content = read(named_file(path), lenient)
     if isinstance(content, Trajectory):
-        return Measured(content.stamps_s, content.poses, "trajectory")
+        return TimedPoses(content.stamps_s, content.poses, "trajectory")
     if isinstance(content, ScanLog):
         if not content.has_stamps:
             raise InputError(path, "the log has no usable timestamps", "evaluation pairs poses by time; name another")
-        return Measured(content.stamps_s, content.odometry, "raw odometry of the log", _mounting(content.scans))
+        return TimedPoses(content.stamps_s, content.odometry, "raw odometry of the log", _mounting(content.scans))
     if isinstance(content, PoseGraph) and content.stamps_s is not None:
         known = np.isfinite(content.stamps_s)
-        return Measured(content.stamps_s[known], content.poses[known], "nodes of the graph", _mounting(content.scans))
+        return TimedPoses(content.stamps_s[known], content.poses[known], "nodes of the graph", _mounting(content.scans))
     kind = describe_content(content).kind
     raise InputError(path, f"a {kind} without poses over time", "name a RUN, a TUM trajectory, a log or a graph")
 
@@ -84,7 +94,11 @@ def _mounting(scans: Scans | None) -> tuple[float, float, float] | None:
     return mountings.pop() if len(mountings) == 1 else None
 
 
-def _against_relations(measured: Measured, path: str, mounting: Float | None) -> dict[str, Any]:
+def _against_relations(measured: TimedPoses, path: str, mounting: Float | None) -> dict[str, Any]:
+    from mapmend.datasets.cache import named_file
+    from mapmend.evaluation.relations import relation_errors
+    from mapmend.io.relations import read_relations
+
     true = read_relations(named_file(path))
     errors = relation_errors(
         measured.stamps_s, measured.poses, true.t1_s, true.t2_s, true.relative_poses, T_robot_laser=mounting
@@ -93,8 +107,11 @@ def _against_relations(measured: Measured, path: str, mounting: Float | None) ->
     return {name: getattr(errors, name) for name in names}
 
 
-def _against_reference(measured: Measured, path: str, lenient: bool, mounting: Float | None) -> dict[str, Any]:
+def _against_reference(measured: TimedPoses, path: str, lenient: bool, mounting: Float | None) -> dict[str, Any]:
     """The reference is taken for the frame that is compared: only the measured poses move to the laser."""
+    from mapmend.evaluation.trajectory import trajectory_errors
+    from mapmend.geometry.se2 import compose
+
     reference = load(path, lenient)
     poses = measured.poses if mounting is None else compose(measured.poses, mounting)
     errors = trajectory_errors(measured.stamps_s, poses, reference.stamps_s, reference.poses)

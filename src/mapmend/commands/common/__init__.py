@@ -1,0 +1,1 @@
+"""What commands share: ``options`` (arguments and what they mean), ``console`` (what is printed), ``inputs``."""
