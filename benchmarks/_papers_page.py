@@ -85,8 +85,8 @@ FIGURE_5 = """
 """
 TABLE_1 = """
 The paper: i7-3770K of 2012, 8 threads. Here: 2 threads of a newer processor, which explains a part of the factor. The
-graphs are other ones of the same logs, so seconds are compared for each pair. N: scans; R: scans that each overlaps with;
-K: beams.
+graphs are other ones of the same logs, so seconds are compared for each pair. N: scans; R: scans that each overlaps
+with; K: beams.
 """
 
 
@@ -95,7 +95,7 @@ def _head() -> str:
 
 IGO is Zhang, Liu and Hou, "An Iterative Graph Optimization Approach for 2D SLAM"; MC is Mazuran et al., "A Statistical
 Measure for Map Consistency in SLAM", ICRA 2014. `python benchmarks/papers.py` writes this page: tables and pictures
-are those of its last run, with defaults except where the text says otherwise. The column "the paper" is as published."""
+are those of its last run, with defaults except where the text says otherwise. Column "the paper": as published."""
 
 
 def _claims_table(rows: Sequence[Claim]) -> str:

@@ -1,7 +1,7 @@
-"""The cascaded test: pairs of scans, scans, and the map. MC sections IV-A and IV-B, and beyond it the map's own level.
+"""The cascaded test: pairs of scans, scans (MC sections IV-A and IV-B), and in addition the whole map.
 
-Tests of pairs that share a scan are not independent: where a scan stands wrong by a hair, many of its pairs fail
-together, and where a place was matched badly, many scans do. The binomial distribution of MC (7) becomes a
+Tests of pairs that share a scan are not independent: if the pose of a scan is slightly wrong, many of its pairs fail
+together, and if a place was matched badly, many scans fail together. The binomial distribution of MC (7) becomes a
 beta-binomial one, whose ``dependence`` is the correlation between two of the tests; without dependence it is the
 binomial.
 """
@@ -28,11 +28,12 @@ Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 SAME_PASS_M, BULK, TAIL = 15.0, 0.9, 1.9
-"""What one in a hundred of all pairs exceeds in a consistent map is so many times what a tenth of those within this way
-along the odometry do. No wrong loop moves these far apart, so a wrong map does not excuse itself."""
+"""In a consistent map, the value that one in a hundred of all pairs exceeds is this many times the value that a tenth
+of the pairs within this path along the odometry exceed. A wrong loop cannot move the scans of such pairs far apart, so
+a wrong map does not widen its own scales."""
 
 FEWEST_PAIRS = 100
-"""Fewer such pairs tell nothing of their distribution."""
+"""With fewer such pairs, their distribution is not estimated."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def judge_pairs(
 ) -> PairTests:
     """MC (5) and (6) for all pairs that keep enough points; ``scales``: (n,), metres.
 
-    ``laid`` tells which pairs belong to one pass; without it the scales are taken as they are.
+    ``laid`` determines which pairs belong to one pass; without it the scales stay as they are.
     """
     from scipy.stats import norm
 
@@ -78,23 +79,23 @@ def judge_pairs(
 
 
 def standardized(measure_m: Float, points: Float, scales: Float) -> Float:
-    """MC (5): by how many standard deviations M_ij lies above what n_ij half-normal depths sum to, (k,)."""
+    """MC (5): how many standard deviations M_ij is above the expected sum of n_ij half-normal depths, (k,)."""
     return np.asarray((measure_m / scales - points * HALF_NORMAL_MEAN) / (np.sqrt(points) * HALF_NORMAL_STD))
 
 
 def _inflation(needed: Float, config: ConsistencyConfig) -> float:
-    """How wide the scales must be by what the pairs of one pass need, (k,), within what is allowed."""
+    """The factor on the scales that the pairs of one pass need, (k,), within its limits."""
     wanted = TAIL * float(np.quantile(needed, BULK)) if len(needed) >= FEWEST_PAIRS else 1.0
     return float(np.clip(wanted, config.least_inflation, config.most_inflation))
 
 
 def judge_scans(tests: PairTests, n: int, config: ConsistencyConfig) -> ScanTests:
-    """MC (7) for each of n scans: more failed pairs than chance explains at ``config.scan_level``."""
+    """MC (7) for each of n scans: whether it has more failed pairs than chance explains at ``config.scan_level``."""
     tested = np.bincount(tests.pairs.ravel(), minlength=n)
     failures = np.bincount(tests.pairs[tests.failed].ravel(), minlength=n)
     p_values = np.ones(n)
     some = failures > 0
-    # Many scans share their counts.
+    # Many scans have the same counts, so each combination is computed once.
     counts, back = np.unique(np.stack((failures[some], tested[some]), axis=1), axis=0, return_inverse=True)
     p_values[some] = survival(counts[:, 0], counts[:, 1], config.pair_level, config.scan_dependence)[back.ravel()]
     return ScanTests(tested, failures, p_values, p_values <= config.scan_level)

@@ -1,4 +1,4 @@
-"""The whole check on a page: from a pose graph with scans to a verdict, and where the map is wrong."""
+"""The whole check on one page: from a pose graph with scans to a verdict, and to the places where the map is wrong."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEFAULT_CONFIG = ConsistencyConfig()
 
 @dataclass(frozen=True)
 class Basis:
-    """What a check needs to know of a graph and does not depend on where the optimizer has its nodes.
+    """The part of a check that does not depend on the poses of the nodes.
 
     ``views``: what the scans saw. ``laid``: the odometry edges laid end to end. ``scales_m``: (n,), each node's.
     ``notes``: what had to be assumed.
@@ -43,7 +43,7 @@ class CheckResult:
     """What the check found. ``p_value``: of the map; ``consistent``: whether it is above the level.
 
     ``scales_m``: (n,), each node's. ``points``: bool, the end points of ``views`` that contradict other scans.
-    ``suspects``: rows of the graph's loop edges, the most suspect first, and ``against``, what speaks against each.
+    ``suspects``: rows of the graph's loop edges, the most suspect first, and ``against``, the evidence against each.
     ``regions``: where the map is wrong, the worst first. ``notes``: what had to be assumed.
     """
 
@@ -70,7 +70,7 @@ def check(
 ) -> CheckResult:
     """Whether the graph's map is consistent; the same for any number of threads.
 
-    Raises MapmendError for a graph with fewer than two scans, or none that see anything in common.
+    Raises MapmendError for a graph with fewer than two scans, or without scans that see a common area.
     """
     basis = basis_of(graph, config, threads=threads, progress=progress)
     return judge_map(graph, basis, config, threads=threads, progress=progress)
@@ -79,7 +79,7 @@ def check(
 def basis_of(
     graph: PoseGraph, config: ConsistencyConfig, *, threads: int = 1, progress: Progress = no_progress
 ) -> Basis:
-    """The basis on which maps of the graph are judged, at whatever poses; raises MapmendError as `check` does."""
+    """The basis for judging maps of the graph at any poses; raises MapmendError as `check` does."""
     scans = graph.scans
     with_scans = 0 if scans is None else int(np.count_nonzero(np.diff(scans.offsets)))
     if scans is None or with_scans < 2:
@@ -98,7 +98,7 @@ def basis_of(
 def judge_map(
     graph: PoseGraph, basis: Basis, config: ConsistencyConfig, *, threads: int = 1, progress: Progress = no_progress
 ) -> CheckResult:
-    """The verdict on the map in which the graph's nodes stand at ``graph.poses``, MC section IV."""
+    """The verdict on the map with the graph's nodes at ``graph.poses``, MC section IV."""
     notes, scales = list(basis.notes), basis.scales_m
     views = basis.views.placed(graph.poses)
     drop = (config.drop_points, config.drop_share)

@@ -20,10 +20,10 @@ PAIRS_A_PIECE = 1 << 14
 
 @dataclass(frozen=True)
 class PairMeasures:
-    """The measured pairs of n scans, a row each, i < j, in order: what the sparse Psi is made of.
+    """The measured pairs of n scans, a row each, i < j, in order: the entries of the sparse Psi.
 
     ``pairs``: (k, 2). ``points``: (k,), n_ij; ``measure_m``: (k,), M_ij. ``kept``, ``kept_m``: the same without each
-    pair's largest depths. ``overlapping``: how many pairs overlap, those left out for want of points included.
+    pair's largest depths. ``overlapping``: how many pairs overlap, with those that have too few points.
     """
 
     pairs: Int
@@ -44,7 +44,7 @@ def measure_pairs(
     """Measures all pairs whose bounding boxes overlap; the same for any number of threads.
 
     Pairs with fewer than ``fewest`` inconsistent points are counted and left out: memory follows those that are kept.
-    ``drop``: how many of a pair's largest depths are left out of ``kept_m`` at least, and which share of them at least.
+    ``drop``: the least number of a pair's largest depths that are left out of ``kept_m``, and the least share of them.
     """
     overlaps = find_overlaps(views.boxes())
 
@@ -67,7 +67,7 @@ def measure(views: PlacedViews, pairs: Int, drop: tuple[int, float] = (0, 0.0)) 
 
 
 def measure_at(views: ScanViews, pairs: Int, stands: Int, lasers: Float, drop: tuple[int, float]) -> Float:
-    """The same of scans whose lasers stand at the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
+    """The same for scans whose laser poses are the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
     measured = np.zeros((len(pairs), 4))
     polygons, points, beams = views.for_kernels()
     _kernels.measure_pairs(pairs, stands, polygons, points, lasers, beams, np.array(drop, dtype=np.float64), measured)

@@ -1,4 +1,4 @@
-"""Which scans overlap: all pairs whose bounding boxes do, found by a uniform grid."""
+"""Which scans overlap: all pairs with overlapping bounding boxes, found by a uniform grid."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 MOST_CELLS_A_SCAN = 8
-"""Cells grow where scans lie farther scattered than this: memory follows the scans, not the distances."""
+"""If the scans are spread over more cells than this, the cells grow: memory follows the scans, not the distances."""
 
 
 @dataclass(frozen=True)
 class Overlaps:
-    """All overlapping pairs (i, j), i < j, of n scans: ``counts`` (n,) says how many begin with each i."""
+    """All overlapping pairs (i, j), i < j, of n scans: ``counts`` (n,): how many begin with each i."""
 
     boxes: Float
     cells: Int
@@ -33,7 +33,7 @@ class Overlaps:
         return int(self.counts.sum())
 
     def pieces(self, pairs_each: int) -> list[tuple[int, int]]:
-        """Rows (first, behind the last) in pieces of about so many pairs: the work of one thread at a time."""
+        """Ranges of rows (first, end) with about this many pairs each: the work of one thread at a time."""
         piece = np.cumsum(self.counts) // max(pairs_each, 1)
         cuts = np.flatnonzero(np.diff(piece)) + 1
         edges = [0, *cuts.tolist(), len(self.counts)]

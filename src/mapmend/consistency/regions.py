@@ -17,7 +17,7 @@ Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 DEEP = 2.0
-"""A point contradicts another scan where it lies this many of the pair's scales deep in its free space."""
+"""A point contradicts another scan if it is at least this many of the pair's scales deep in its free space."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Region:
 
 
 def contradicting_points(views: PlacedViews, tests: PairTests, scans: ScanTests, scales: Float) -> Bool:
-    """The end points, (returns,), that lie deep in the free space of a scan in a failed pair of two failed scans.
+    """The end points, (returns,), that are deep in the free space of a scan in a failed pair of two failed scans.
 
     ``scales``: (k,), metres, those of the tested pairs.
     """

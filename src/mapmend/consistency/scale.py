@@ -1,7 +1,7 @@
-"""How far scans that agree are inconsistent all the same: a scale for each scan, MC section IV-C.
+"""How inconsistent scans are that agree: a scale for each scan, MC section IV-C.
 
-The map of the odometry edges alone, laid end to end, is right over short ways. What its neighbouring scans show of
-inconsistency is what noise, sampling and matching make of scans that agree.
+The map of the odometry edges alone, laid end to end, is right over short paths. The inconsistency of neighbouring scans
+in it is the effect of noise, sampling and matching on scans that agree.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ HALF_NORMAL_STD = float(np.sqrt(1.0 - 2.0 / np.pi))
 """Of a half-normal distribution with scale 1, MC (3)."""
 
 RANGE_STD_M = 0.01
-"""A laser's own noise, for graphs that tell nothing: a scale is the root of two of it (MC section IV-A)."""
+"""The noise of a laser, for graphs that give no estimate: a scale is the root of two times it (MC section IV-A)."""
 
 PAIRS_A_PIECE = 1 << 13
 
@@ -36,8 +36,8 @@ PAIRS_A_PIECE = 1 << 13
 class OdometryMap:
     """The odometry edges laid end to end: ``poses`` (n, 3), from each chain's first node on, which stays in its place.
 
-    ``chain``: (n,), which chain a node is in; ``position``: (n,), which place it has there; ``way_m``: (n,), how long
-    the way to it is.
+    ``chain``: (n,), which chain a node is in; ``position``: (n,), its position in the chain; ``way_m``: (n,), the
+    length of the path to it.
     """
 
     poses: Float
@@ -46,7 +46,7 @@ class OdometryMap:
     way_m: Float
 
     def neighbours(self, reach: int, reach_m: float) -> Int:
-        """Pairs (k, 2) of nodes up to ``reach`` places and ``reach_m`` of way apart in one chain, lower row first."""
+        """Pairs (k, 2) of nodes up to ``reach`` places and ``reach_m`` of path apart in one chain, lower row first."""
         order = np.lexsort((self.position, self.chain))
         pairs = []
         for step in range(1, min(reach, len(order) - 1) + 1):
@@ -58,15 +58,16 @@ class OdometryMap:
         return np.sort(found, axis=1)
 
     def within(self, pairs: Int, reach_m: float) -> NDArray[np.bool_]:
-        """Which of the pairs (k, 2) lie in one chain and up to ``reach_m`` of way apart."""
+        """Which of the pairs (k, 2) are in one chain and up to ``reach_m`` of path apart."""
         i, j = pairs.T
         return np.asarray((self.chain[i] == self.chain[j]) & (np.abs(self.way_m[i] - self.way_m[j]) <= reach_m))
 
 
 def odometry_map(graph: PoseGraph) -> OdometryMap:
-    """The graph's odometry-only map; edges may be turned round, and chains may be several.
+    """The graph's odometry-only map; edges may point backwards, and there may be several chains.
 
-    Odometry edges over several nodes, where there are others, say nothing of their own (``front_end.state``).
+    Odometry edges over several nodes are ignored if there are edges between neighbours: they add no measurement
+    (``front_end.state``).
     """
     n = len(graph)
     steps: list[list[tuple[int, Float]]] = [[] for _ in range(n)]
@@ -112,9 +113,8 @@ def estimate_scales(
 ) -> Float | None:
     """A scale for each scan, (n,), metres: the largest that one of its pairs along the odometry implies, MC (10).
 
-    A scan without such a pair takes the median. No scale is above ``config.most_scale_m``: by scales of its own, a
-    map of raw wheel odometry would excuse whatever it shows. None where no scan has a pair: the graph tells nothing
-    of its noise.
+    A scan without such a pair gets the median. No scale is above ``config.most_scale_m``: a map of raw wheel odometry
+    has scales so wide that it would always pass. None if no scan has a pair, since then nothing shows the noise.
     """
     if not np.all(np.isfinite(laid.poses)):
         raise MapmendError("the odometry edges laid end to end lead beyond all numbers")
@@ -136,10 +136,10 @@ def estimate_scales(
 
 
 def sensor_scales(n: int) -> Float:
-    """What the laser's noise alone gives, (n,), metres."""
+    """The scales by the laser's noise alone, (n,), metres."""
     return np.full(n, np.sqrt(2.0) * RANGE_STD_M)
 
 
 def pair_scales(scales: Float, pairs: Int, config: ConsistencyConfig) -> Float:
-    """The larger of each pair's two scales, with what optimized poses may be off: (k,), metres."""
+    """The larger of each pair's two scales, plus the error of optimized poses: (k,), metres."""
     return np.asarray(np.hypot(np.maximum(scales[pairs[:, 0]], scales[pairs[:, 1]]), config.prior_std_m))

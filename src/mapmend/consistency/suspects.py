@@ -1,8 +1,8 @@
-"""The loop edges to suspect: those whose own claim makes the scans around their ends contradict each other.
+"""The suspect loop edges: those whose measurement makes the scans around their ends contradict each other.
 
-What a wrong loop does to the optimized map is spread over many scans, and it tears true loops apart. So each edge is
-asked alone: the scans around its first node and those around its second are placed by the odometry from these nodes on
-and by the edge's own measurement between the two, and their pairs are tested as those of the map are.
+The effect of a wrong loop on the optimized map is spread over many scans, and it opens true loops. So each edge is
+tested alone: the scans around its two nodes are placed by the odometry from these nodes on, and by the measurement of
+the edge between the two. Their pairs are tested like those of the map.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 NEIGHBOURHOOD = np.arange(-9, 10, 3)
-"""The scans that speak for an edge's end: so many places before and behind it along the odometry."""
+"""The scans that represent an end of an edge: this many before and after it along the odometry."""
 
 MOST_TELLING = 12.0
-"""No single pair tells more than this many standard deviations."""
+"""A single pair counts with at most this many standard deviations."""
 
 EDGES_A_PIECE = 64
 
@@ -41,9 +41,9 @@ def suspect_loops(
     threads: int = 1,
     progress: Progress = no_progress,
 ) -> tuple[Int, Float]:
-    """The loop edges, the most suspect first, and what speaks against each: rows of edges, (l,), and (l,).
+    """The loop edges, the most suspect first, and the evidence against each: rows of edges, (l,), and (l,).
 
-    What speaks against an edge is by how many standard deviations its pairs fail, in all, over the root of their
+    The evidence against an edge is the sum of the standard deviations by which its pairs fail, over the root of their
     number. ``scales``: (n,), metres, those of the map's tests, inflation included.
     """
     loops = np.flatnonzero(graph.is_loop)

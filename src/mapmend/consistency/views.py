@@ -1,4 +1,4 @@
-"""What scans saw, whatever their poses, and where that lies in a map."""
+"""What scans saw, without their poses, and where this is in a map."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Int = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Beams:
-    """What the polygons of one laser share, by laser: see ``_kernels``. Beams are counted from right to left.
+    """What all polygons of one laser have in common, by laser: see ``_kernels``. Beams are counted from right to left.
 
-    ``rays``: (lasers, most, 2): the directions of the vertices, and behind them one into the middle of the blind side
-    where there is one; there the polygon comes back to the laser. ``wedges``: int16, (lasers, SECTORS, 2), those in
-    which the two edges of a sector lie. ``most_passed``: (lasers,), how many rays lie in one sector at most.
+    ``rays``: (lasers, most, 2): the directions of the vertices, and after them one into the middle of the blind side,
+    if there is one; there the polygon returns to the laser. ``wedges``: int16, (lasers, SECTORS, 2), those of the two
+    edges of a sector. ``most_passed``: (lasers,), the greatest number of rays in one sector.
     ``counts``: (lasers,), how many directions.
     """
 
@@ -34,7 +34,7 @@ class Beams:
 
 @dataclass(frozen=True)
 class Limits:
-    """How far polygons reach by sector, squared, and end points in groups: see ``_kernels``."""
+    """The squared reach of polygons by sector, and end points in groups: see ``_kernels``."""
 
     sectors: Single
     wide_sectors: Single
@@ -47,13 +47,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class ScanViews:
-    """The visibility polygons and end points of n scans, each in the frame of its laser: no pose enters.
+    """The visibility polygons and end points of n scans, each in the frame of its laser: they do not depend on poses.
 
     ``corners``: (5, total): x and y of the polygons' vertices, by bearing, the side to the next, and one over its
-    squared length; behind a scan's last one its first ones follow again. ``corner_offsets``: (n + 1,). ``points``:
-    (returns, 2), end points; ``point_offsets``: (n + 1,). ``ends``: (readings, 2), how far all beams are free, those
-    without return included; ``end_offsets``: (n + 1,). ``limits``: what tells the kernels at a glance that points lie
-    outside. ``laser_of``: int64, (n,), into ``beams`` and ``mountings``, (lasers, 3), ``T_robot_laser``.
+    squared length; after a scan's last one its first ones are repeated. ``corner_offsets``: (n + 1,). ``points``:
+    (returns, 2), end points; ``point_offsets``: (n + 1,). ``ends``: (readings, 2), the ends of the free parts of all
+    beams, also of those without return; ``end_offsets``: (n + 1,). ``limits``: with these the kernels exclude points
+    outside quickly. ``laser_of``: int64, (n,), into ``beams`` and ``mountings``, (lasers, 3), ``T_robot_laser``.
     """
 
     corners: Float

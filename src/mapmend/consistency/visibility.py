@@ -1,7 +1,7 @@
 """Visibility polygons: the free space that each scan has seen, MC section III.
 
 A polygon runs through a scan's end points by bearing, and through the laser itself on the side that it does not see. It
-is star-shaped about the laser, so that a point's place in it is found by its bearing.
+is star-shaped about the laser, so the bearing of a point shows which side of the polygon is beyond it.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 FULL_TURN_GAP = 1.5
-"""The beams go all around where less than this many increments lie between the last one and the first."""
+"""The beams cover a full turn if less than this many increments are between the last one and the first."""
 
 EDGE_RAD, ROUNDING, NEAR = 1e-4, 5e-4, 0.02
-"""What float32 may do to the places of points: bearings and squared distances are off by less than these, the latter
-relative, farther than NEAR of the longest reach from the laser."""
+"""Bounds of the rounding of points in float32: the errors of bearings and the relative errors of squared distances are
+below these, for points farther from the laser than NEAR of the longest reach."""
 
 SCANS_AT_ONCE = 2048
-"""Polygons are made of so many scans at a time: memory for what lies between is bounded."""
+"""Polygons are made for this many scans at a time, which bounds the memory for intermediate results."""
 
 
 def view_scans(scans: Scans, config: ConsistencyConfig) -> ScanViews:
     """What n scans saw, each in the frame of its laser; a scan without beams sees nothing.
 
     Readings up to ``config.max_range_m`` are end points; those beyond it count as free up to there. A beam without
-    return, or too near to be one, says nothing: there the polygon comes back to the laser. Raises MapmendError for
-    lasers whose beams lie half a turn apart.
+    return, or with a reading that is too short, is ignored: there the polygon returns to the laser. Raises MapmendError
+    for lasers whose beams are half a turn apart.
     """
     beams = _beams([_directions(geometry) for geometry in scans.geometries])
     laser_of = scans.geometry_index.astype(np.int64)
     is_empty = np.diff(scans.offsets) == 0
-    # Behind a scan's last vertex the first ones come again, so that no window of sides is cut.
+    # After a scan's last vertex the first ones are repeated, so that each window of sides is contiguous.
     corner_offsets = _offsets(np.where(is_empty, 0, beams.counts[laser_of] + _kernels.WINDOW))
     corners = np.zeros((5, int(corner_offsets[-1])))
     ends, is_point = np.zeros((len(scans.ranges_m), 2)), np.zeros(len(scans.ranges_m), np.bool_)
@@ -75,7 +75,7 @@ def view_scans(scans: Scans, config: ConsistencyConfig) -> ScanViews:
 
 
 def _reach(ranges: NDArray[np.float32], geometry: LaserGeometry, config: ConsistencyConfig) -> tuple[Float, Bool]:
-    """How far each beam is free, metres, 0 where it says nothing, and whether it ends at something."""
+    """The free length of each beam, metres, 0 for an ignored beam, and whether it ends at a surface."""
     readings = ranges.astype(np.float64)
     with np.errstate(invalid="ignore"):
         seen = (readings >= config.min_range_m) & (readings < geometry.max_range_m)
@@ -120,13 +120,13 @@ def _beams(directions: list[Float]) -> Beams:
 
 
 def _directions(geometry: LaserGeometry) -> Float:
-    """The bearings of a polygon's vertices, rising: its beams, and the middle of the blind side where there is one."""
+    """The bearings of a polygon's vertices, sorted: its beams, and the middle of the blind side if there is one."""
     step = abs(geometry.angle_increment_rad)
     if step >= np.pi:
         raise MapmendError(f"a laser's beams lie {step:g} rad apart: no free space is known between them")
     if geometry.beam_count == 0:
         return np.zeros(0)
-    # Beams beyond a full turn look again where the first ones look.
+    # Beams beyond a full turn repeat the directions of the first ones.
     count = geometry.beam_count if step == 0.0 else min(geometry.beam_count, int(2.0 * np.pi / step - 1e-6) + 1)
     bearings = geometry.bearings_rad()[_beam_order(geometry)][:count]
     blind = 2.0 * np.pi - (count - 1) * step
@@ -136,13 +136,13 @@ def _directions(geometry: LaserGeometry) -> Float:
 
 
 def _wedges(bearings: Float, angles: Float) -> NDArray[np.int16]:
-    """The wedge between two neighbouring bearings, (count,), in which each angle lies."""
+    """The wedge between two neighbouring bearings, (count,), that contains each angle."""
     beyond_first = (angles - bearings[0]) % (2.0 * np.pi)
     return (np.searchsorted(bearings - bearings[0], beyond_first, side="right") - 1).astype(np.int16)
 
 
 def _sector_edges() -> Float:
-    """The angles between which each sector of the pseudo-angle lies, a hair wider: (SECTORS, 2)."""
+    """The two angles that bound each sector of the pseudo-angle, slightly widened: (SECTORS, 2)."""
     begins = _begins(_kernels.SECTORS)
     return np.stack((begins - EDGE_RAD, np.roll(begins, -1) + EDGE_RAD), axis=1)
 

@@ -1,1 +1,1 @@
-"""The robust kernel that sets itself: Mazuran et al. (MC), section V."""
+"""Automatic choice of a robust kernel's parameter: Mazuran et al. (MC), section V."""

@@ -2,23 +2,23 @@
 
 M(phi), MC (11), is the average of M_ij over the overlapping pairs of scans of the map that the kernel gives with phi.
 The pairs are the same for all phi: all pairs of scans, of which those that do not overlap contribute nothing; and the
-number that the sum is divided by is the same too, that of the pairs that overlap at phi*. Were both to change with phi
-(as in print), a map could lower its average by bringing scans together that see nothing in common; were only the pairs
-counted that overlap at the start, scans that a false loop brings together would contradict each other unseen.
+divisor of the sum is the same too, the number of pairs that overlap at phi*. If both changed with phi (as printed in
+the paper), a map could lower its average by bringing scans together that see no common surface. If only the pairs
+counted that overlap at the start, contradictions between scans that a false loop brings together would be missed.
 
-M(phi) has no closed form and jumps wherever a loop is let go: it has many local minima. The search (``search``) is the
-paper's, a grid in sqrt(phi) over [0, 16] and halvings, MC (12), but wherever M is low; and the grid is finer near 0,
-where maps change fastest.
+M(phi) has no closed form and jumps wherever a loop is switched off: it has many local minima. The search (``search``)
+is the paper's, a grid in sqrt(phi) over [0, 16] and halvings, MC (12), but the halvings are made wherever M is low, and
+the grid is finer near 0, where maps change fastest.
 
-M is an average and may favour a few strong contradictions over many weak ones, as MC warns. So the map of least M is
-put to the test of ``check``. Where it fails, the other valleys of M are asked too, the lowest first, and the first
-whose map passes is taken: whoever tunes wants a map to drive by, and the answer "consistent" must be about the graph
-that is given. The notes say so, and what M it costs. The price: one of several wrong maps passes more easily than one
-alone, so few are asked. Where none passes, the map of least M is given, and said to be inconsistent.
+M is an average and may favour a few strong contradictions over many weak ones, as MC warns. So ``check`` tests the map
+of least M. If it fails, the other valleys of M are tested too, the lowest first, and the first whose map passes is
+taken: the user wants a usable map, and the answer "consistent" must be about the graph that is returned. The notes say
+so, with the increase in M. The price: one of several wrong maps passes more easily than a single one, so only few are
+tested. If none passes, the map of least M is returned, as inconsistent.
 
-Two things make it cheap. The search looks at a sample of the pairs, the same in all maps: it compares maps, and what
-the sample misses is nearly the same in all; what it ends with is measured over all pairs. And within the sample a pair
-is measured again only where it moved by more than a tolerance (``pair_sample``).
+Two things save time. The search compares maps on a sample of the pairs, the same in all maps: the part of M outside the
+sample is nearly the same in all of them. The M of the result is measured over all pairs. And within the sample a pair
+is measured again only if it moved by more than a tolerance (``pair_sample``).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ Judged = list[tuple[float, CheckResult]]
 
 DEFAULT_CONFIG = Config()
 PUBLISHED_PHI = 1.0
-"""What DCS is published with; its map is kept for comparison."""
+"""The value with which DCS was published; its map is kept for comparison."""
 
 SAMPLED_POINTS = 10_000_000
 """The greatest number of end points in the pairs of the sample: 28,000 pairs of scans of 180 beams."""
@@ -63,7 +63,7 @@ MOST_CHECKED = 5
 
 
 class Verdict(NamedTuple):
-    """What ``check`` says of the map at phi, whose M the curve has at ``measure_m``."""
+    """The verdict of ``check`` on the map at phi; ``measure_m``: its M on the curve."""
 
     phi: float
     measure_m: float
@@ -78,10 +78,10 @@ class TuneResult:
     ``least_phi`` is phi* of MC (12), where M is least. It is ``phi`` too, unless its map fails the check and that of
     another minimum passes. ``verdicts``: on the maps that were checked, that of least M first.
 
-    ``curve_phi``, ``curve_m``: (f,), the values looked at, rising, and their M as the sample has it, scaled so that
-    that of ``phi`` is ``measure_m``; where the sample errs, another is a little lower. ``sampled``: the share of the
-    pairs in the sample. ``curve_bound``: the share of M by which the curve may be off for pairs that were not measured
-    again; ``measured`` of ``asked`` pairs were.
+    ``curve_phi``, ``curve_m``: (f,), the values that were tried, sorted, and their M in the sample, scaled so that that
+    of ``phi`` is ``measure_m``; by errors of the sample, another one may be a little lower. ``sampled``: the share of
+    the pairs in the sample. ``curve_bound``: the share of M by which the curve may be off for pairs that were not
+    measured again; ``measured`` of ``asked`` pairs were measured.
 
     ``graph``: at ``phi``; ``published``: at 1. ``edge_weights``: (m,), the kernel's at ``phi``; ``switched_off``: rows
     of the edges that it distrusts. ``check``: the verdict on ``graph``. ``notes``: what had to be assumed.
@@ -111,7 +111,7 @@ class TuneResult:
         return self.check.consistent
 
     def measure_at(self, phi: float) -> float | None:
-        """M as the curve has it at a value that was looked at, metres; None at any other."""
+        """M of the curve at a value that was tried, metres; None at any other value."""
         at = np.flatnonzero(self.curve_phi == phi)
         return float(self.curve_m[at[0]]) if len(at) else None
 
@@ -127,9 +127,9 @@ def tune(
 ) -> TuneResult:
     """The value of the kernel's phi in [0, 16] that makes the graph's map most consistent, MC (11) and (12).
 
-    ``init``: where every solve starts (``graph.starts.STARTS``). The result is the same for any number of threads.
-    Raises MapmendError for a graph without loop edges, one with fewer than two scans, kernels and starts that there are
-    not, and graphs that can't be optimized.
+    ``init``: where every solution starts (``graph.starts.STARTS``). The result is the same for any number of threads.
+    Raises MapmendError for a graph without loop edges or with fewer than two scans, for unknown kernels and starts, and
+    for graphs that cannot be optimized.
     """
     scans = graph.scans
     if kernel not in KERNELS:
@@ -163,7 +163,7 @@ def average_measure(views: PlacedViews, threads: int = 1, progress: Progress = n
 
 
 def sample_of(views: PlacedViews) -> PairSample:
-    """One pair out of so many that the pairs which overlap in this map have SAMPLED_POINTS end points at most."""
+    """Every n-th pair of scans, n such that those which overlap in this map have at most SAMPLED_POINTS end points."""
     here = find_overlaps(views.boxes()).total
     points = here * 2.0 * len(views.scans.points) / max(len(views), 1)
     stride = 1
@@ -173,7 +173,7 @@ def sample_of(views: PlacedViews) -> PairSample:
 
 
 def _judge(search: Search, least: float, basis: Basis, config: Config) -> Judged:
-    """The verdicts on the valleys of M, by their roots: that of the root ``least`` first, until one passes."""
+    """The verdicts on the valleys of M, with their roots: that of the root ``least`` first, until one passes."""
     judged: Judged = []
     for root in valleys(search.sums_m, least)[:MOST_CHECKED]:
         graph = search.map_at(root)
@@ -185,7 +185,7 @@ def _judge(search: Search, least: float, basis: Basis, config: Config) -> Judged
 
 
 def _result(search: Search, least: float, best: float, measured: tuple[float, int], judged: Judged) -> TuneResult:
-    """``least``: the root of least M; ``best``: that of the map which is taken; ``measured``: its M and its pairs."""
+    """``least``: the root of least M; ``best``: that of the map that is taken; ``measured``: its M and its pairs."""
     roots, sums_m, solution = sorted(search.sums_m), search.sums_m, search.solutions[best]
     scale = measured[0] / sums_m[best] if sums_m[best] else 1.0
     verdict = dict(judged)[best]

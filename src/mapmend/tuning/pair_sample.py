@@ -1,4 +1,4 @@
-"""The sum of MC (11) over pairs of scans, of many maps that differ little: what did not move is not measured again."""
+"""The sum of MC (11) over pairs of scans, for many similar maps: pairs that did not move are not measured again."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ EVERY_PAIR = -1.0
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a sample of pairs says of f maps, a row each.
+    """The sums of a sample of pairs for f maps, a row each.
 
     ``sum_m``: (f,), the sum of M_ij over the sample, metres; ``bound_m``: (f,), how far each may be off at most for
-    pairs that were not measured again. ``measured``: how many pairs were measured in all, ``asked``: how many without
-    the shortcut would have been.
+    pairs that were not measured again. ``measured``: how many pairs were measured in total, ``asked``: how many would
+    have been measured without the shortcut.
     """
 
     sum_m: Float
@@ -40,8 +40,8 @@ class Evaluation:
 class PairSample:
     """Every ``stride``-th pair of scans, the same pairs for all maps.
 
-    A pair is listed once its scans' circles of view meet in any of the maps evaluated; before, and wherever they do not
-    meet, it contributes nothing. Each pair remembers where its scans stood when it was last measured.
+    A pair is listed when its scans' circles of view meet in any of the maps evaluated; before that, and in maps where
+    they do not meet, it contributes nothing. Each pair remembers the poses at which it was last measured.
     """
 
     def __init__(self, views: ScanViews, stride: int) -> None:
@@ -68,8 +68,8 @@ class PairSample:
     ) -> Evaluation:
         """The sums of maps, whose node poses (n, 3) are given; the same for any number of threads.
 
-        ``tolerance_m``: the mean bound that pairs may have which are not measured again, those that moved least first;
-        below 0 every pair is measured in every map.
+        ``tolerance_m``: the greatest mean bound of the pairs that are not measured again, chosen from those that moved
+        least; below 0 every pair is measured in every map.
         """
         lasers = self.list_pairs(poses, threads)
 
@@ -87,7 +87,7 @@ class PairSample:
         )
 
     def list_pairs(self, poses: list[Float], threads: int = 1) -> Float:
-        """Takes up pairs that meet in one of the maps and are not listed yet.
+        """Lists pairs that meet in one of the maps and are not listed yet.
 
         Returns the lasers in each map, (f, n, 4).
         """
@@ -132,7 +132,7 @@ class PairSample:
 
 
 def _worth_measuring(bounds: Float, tolerance_m: float) -> Int:
-    """The rows that are left when those with the least bounds are taken whose mean over all is within the tolerance."""
+    """The rows to measure: all except those with the least bounds whose mean over all rows is within the tolerance."""
     if tolerance_m < 0.0:
         return np.arange(len(bounds))
     order = np.argsort(bounds, kind="stable")
@@ -141,7 +141,8 @@ def _worth_measuring(bounds: Float, tolerance_m: float) -> Int:
 
 
 def view_circles(views: ScanViews) -> Float:
-    """A circle about all that each scan sees, in the laser's frame: x, y, radius, (n, 3); no scan, a radius of -1."""
+    """A circle around all that each scan sees, in the laser's frame: x, y, radius, (n, 3); without a scan, radius
+    -1."""
     n = len(views)
     circles = np.tile((0.0, 0.0, -1.0), (n, 1))
     for i in np.flatnonzero(np.diff(views.corner_offsets) > 0):
@@ -149,6 +150,6 @@ def view_circles(views: ScanViews) -> Float:
         low, high = np.minimum(ends.min(axis=0), 0.0), np.maximum(ends.max(axis=0), 0.0)
         middle = (low + high) / 2.0
         far = np.hypot(*(ends - middle).T).max()
-        # A hair larger: rounding must never leave a point out.
+        # Slightly larger, so that rounding never leaves a point out.
         circles[i] = (*middle, max(far, float(np.hypot(*middle))) * (1.0 + 1e-9) + 1e-9)
     return circles

@@ -1,9 +1,10 @@
 """The search for the least M(phi): a grid in the root of phi, and halvings wherever M is low.
 
-M(phi) jumps wherever a loop is let go: on intel's scan graph it goes up and down by a hundredth within steps of 0.001
-of the root of phi, and which of many narrow minima is the least depends on where one looks. Bisection, MC (12), follows
-one of them. So what it does around the grid's minimum is done wherever M is near the least: each round halves the steps
-to both sides of the least, and those with an end that is low enough, unless M is the same at both: that is one map.
+M(phi) jumps wherever a loop is switched off: on intel's scan graph it goes up and down by a hundredth within steps of
+0.001 of the root of phi, and which of many narrow minima is the least depends on the values that are tried. Bisection,
+MC (12), follows one of them. So what it does around the grid's minimum is done wherever M is near the minimum: each
+round halves the steps on both sides of the minimum, and all steps with an end that is low enough, unless M is the same
+at both ends: then it is one map.
 """
 
 from __future__ import annotations
@@ -24,27 +25,29 @@ LARGEST_ROOT = 4.0
 
 GRID_STEPS = 64
 FINE_STEPS, FINE_BELOW = 4, 4
-"""The first FINE_BELOW steps of the grid are cut into so many each: MC's phi* are mostly between 0.003 and 0.016."""
+"""Each of the first FINE_BELOW steps of the grid is cut into this many: MC's phi* are mostly between 0.003 and
+0.016."""
 
 COARSE = 8
-"""Every so manieth value of the grid comes first: the least M of these says what M may be off by."""
+"""Every n-th value of the grid is tried first: the least M of these determines the tolerance for M."""
 
 ROUNDS = 5
 """Halvings of a step of the grid; the last one ends at steps of 0.002 of sqrt(phi)."""
 
 LOW_WITHIN, SAME_WITHIN = 0.02, 0.002
-"""A step is halved if M at an end is this share above the least at most, and differs from the other end's by more."""
+"""A step is halved if M at one end is at most this share above the minimum, and differs from the other end's by more
+than the second share."""
 
 MOST_HALVED = 8
-"""So many steps are halved in a round, the lowest first."""
+"""At most this many steps are halved in a round, the lowest first."""
 
 FINALISTS, FINALIST_WITHIN, ONE_MAP = 3, 0.01, 1e-4
-"""What the sample has lowest meets again in a larger one: so many values at most, if their M is within this share of
-the least, and differs by that share from the other finalists'."""
+"""The lowest values of the sample are compared again in a larger one: at most this many, if their M is within this
+share of the minimum and differs by that share from the other finalists'."""
 
 LARGER = 4
-"""So many times larger: the standard error of the difference between two maps of intel is up to 0.5 % of M in the
-sample, and up to 0.2 % in the larger one."""
+"""The larger sample is this many times larger: the standard error of the difference between two maps of intel is up to
+0.5 % of M in the sample, and up to 0.2 % in the larger one."""
 
 VALLEY_DEPTH = 0.002
 """A minimum of the curve is a valley if M rises by this share of the least to both sides before it falls below it."""
@@ -52,7 +55,7 @@ VALLEY_DEPTH = 0.002
 
 @dataclass
 class Search:
-    """What was looked at so far: roots of phi, their solutions and sums over the sample."""
+    """The values tried so far: roots of phi, their solutions and sums over the sample."""
 
     start: PoseGraph
     kernel: str
@@ -68,7 +71,7 @@ class Search:
     asked: int = 0
 
     def look_at(self, roots: list[float], stage: str) -> None:
-        """Solves and measures for those roots of phi that are new."""
+        """Solves and measures the new ones among these roots of phi."""
         new = [r for r in roots if r not in self.sums_m and r not in self.refusals]
         if not new:
             return
@@ -102,11 +105,11 @@ class Search:
         self.asked += evaluation.asked
 
     def map_at(self, root: float) -> PoseGraph:
-        """The graph with the poses found for a root that was looked at."""
+        """The graph with the poses found for a root that was tried."""
         return self.start.with_poses(self.solutions[root].poses)
 
     def least(self) -> float:
-        """The root of least M: that of the finalists which is lowest in a larger sample."""
+        """The root of least M: the finalist that is lowest in a larger sample."""
         roots = finalists(self.sums_m)
         if len(roots) == 1:
             return roots[0]
@@ -122,21 +125,21 @@ class Search:
 
 
 def grid_roots() -> list[float]:
-    """The values of sqrt(phi) that are always looked at, rising."""
+    """The values of sqrt(phi) that are always tried, sorted."""
     step = LARGEST_ROOT / GRID_STEPS
     fine = [k * step / FINE_STEPS for k in range(FINE_BELOW * FINE_STEPS)]
     return [*fine, *(k * step for k in range(FINE_BELOW, GRID_STEPS + 1))]
 
 
 def halve(search: Search) -> None:
-    """MC (12): looks between the values that are lowest, closer from round to round."""
+    """MC (12): tries values between the lowest ones, with smaller steps from round to round."""
     finest = LARGEST_ROOT / GRID_STEPS / 2**ROUNDS
     for _ in range(ROUNDS):
         search.look_at(steps_to_halve(search.sums_m, finest), "halve")
 
 
 def steps_to_halve(sums_m: dict[float, float], finest: float) -> list[float]:
-    """The middles of the steps worth a closer look, rising; ``sums_m``: of each root, metres."""
+    """The middles of the steps that are halved, sorted; ``sums_m``: of each root, metres."""
     roots = sorted(sums_m)
     best = min(roots, key=lambda r: (sums_m[r], -r))
     least = sums_m[best]
@@ -150,9 +153,9 @@ def steps_to_halve(sums_m: dict[float, float], finest: float) -> list[float]:
 
 
 def finalists(sums_m: dict[float, float]) -> list[float]:
-    """The roots that meet again in the larger sample, the lowest first.
+    """The roots that are compared again in the larger sample, the lowest first.
 
-    Of those whose M is the same to ONE_MAP only the largest, which trusts the loops most.
+    Of roots whose M is the same to ONE_MAP, only the largest is taken, which trusts the loops most.
     """
     least = min(sums_m.values())
     chosen: list[float] = []
@@ -168,8 +171,8 @@ def finalists(sums_m: dict[float, float]) -> list[float]:
 def valleys(sums_m: dict[float, float], least: float) -> list[float]:
     """``least`` and the lowest roots of the curve's other valleys, the lowest first; with the largest root of all.
 
-    Dips less deep than VALLEY_DEPTH are the same map as their neighbours, or as good as that. The curve's end, where
-    loops are trusted most, is mostly the end of a plateau, whose one map would not be asked otherwise.
+    Minima less deep than VALLEY_DEPTH are nearly the same map as their neighbours. The curve's end, where loops are
+    trusted most, is mostly the end of a plateau, whose map would not be checked otherwise.
     """
     from scipy.signal import find_peaks
 

@@ -17,12 +17,12 @@ from mapmend.parallel import Progress, map_in_order, no_progress
 Float = NDArray[np.float64]
 
 VALUES_A_PIECE = 4
-"""Solves one after the other that share one analysis of the graph, which costs about as much as one step."""
+"""Solves in succession with one analysis of the graph, because the analysis takes about as long as one step."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """``poses``: (n, 3). ``edge_weights``: (m,), what the kernel makes of the information of every edge."""
+    """``poses``: (n, 3). ``edge_weights``: (m,), the kernel's factor on the information of every edge."""
 
     phi: float
     poses: Float
@@ -38,9 +38,10 @@ def solve(
     stage: str = "solve",
     progress: Progress = no_progress,
 ) -> list[Solution | MapmendError]:
-    """The optimum nearest ``start.poses`` for each value of phi, or why there is none; the same for any threads.
+    """The optimum nearest to ``start.poses`` for each value of phi, or the reason why there is none.
 
-    ``kernel``: a name of ``graph.robust.KERNELS``. At phi = 0 no kernel trusts a loop: the loops are left out.
+    ``kernel``: a name of ``graph.robust.KERNELS``. At phi = 0 no kernel trusts a loop, so the loops are left out. The
+    result is the same for any number of threads.
     """
     pieces = [phis[k : k + VALUES_A_PIECE] for k in range(0, len(phis), VALUES_A_PIECE)]
 
