@@ -1,1 +1,1 @@
-"""Public logs by name: where they lie, what they are, and how they come into the user's cache."""
+"""Public logs by name: their addresses, their contents, and how they are fetched into the user's cache."""

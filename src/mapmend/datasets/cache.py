@@ -1,4 +1,4 @@
-"""The user's cache: where fetched files lie, and the way from a name to one of them. Needs nothing but Python."""
+"""The user's cache of fetched files, and how a name is resolved to one of them. It needs only Python."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ CACHE_VARIABLE = "MAPMEND_CACHE"
 
 
 def cache_folder() -> Path:
-    """Where fetched files lie: the folder that MAPMEND_CACHE names, else the user's cache of the system."""
+    """The folder of fetched files: the one that MAPMEND_CACHE names, otherwise a folder in the user's cache of the
+    system."""
     named = os.environ.get(CACHE_VARIABLE)
     return Path(named) if named else user_folder()
 
 
 def user_folder() -> Path:
-    """The folder in the user's cache of the system that is ours. Raises RuntimeError where the user has no home."""
+    """mapmend's folder in the user's cache of the system. Raises RuntimeError if the user has no home folder."""
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "mapmend"
     if sys.platform == "win32":
@@ -30,7 +31,7 @@ def user_folder() -> Path:
 
 
 def is_fetched(file: RemoteFile) -> bool:
-    """Whether the file lies in the cache, whole and as it should be."""
+    """Whether the file is in the cache, complete and with the right content."""
     path = cache_folder() / file.name
     try:
         return path.is_file() and sha256_of(path) == file.sha256
@@ -44,10 +45,10 @@ def sha256_of(path: Path) -> str:
 
 
 def named_file(name: str | Path) -> Path:
-    """The file or folder of that name; where there is none, the fetched file of the public log so called.
+    """The file or folder of this name; if there is none, the fetched file of the public log with this name.
 
-    Commands ask this for each input that a person names; ``mapmend.read`` and all of ``io`` take paths alone. A name
-    that is neither comes back as a path, for its reader to refuse. Raises InputError for a public log that has not
+    Commands call this for each input that a user names; ``mapmend.read`` and all of ``io`` take only paths. A name that
+    is neither is returned as a path, which its reader then refuses. Raises InputError for a public log that has not
     been fetched, or that is damaged.
     """
     if os.path.exists(name):

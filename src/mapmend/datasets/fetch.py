@@ -1,4 +1,4 @@
-"""Fetching through pooch: checked by sha256, taken up where it broke off, in its place only when it is whole."""
+"""Fetching through pooch: checked by sha256, resumed after an interruption, moved to its place only when complete."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _PARTIAL, _OK, _UNSATISFIABLE = 206, 200, 416
 
 
 def fetch(dataset: Dataset, *, mirror: str | None = None, progress: Progress = no_progress) -> list[Path]:
-    """Fetches what is not there yet, and gives the paths of the dataset's files.
+    """Fetches the missing files, and returns the paths of the dataset's files.
 
-    ``mirror``: an address that holds the files by their names, instead of their own addresses. Raises MapmendError
-    where there is no network or the content is not the pinned one, OutputError where the cache can't be written.
+    ``mirror``: an address that holds the files by their names, instead of their own addresses. Raises MapmendError if
+    there is no network or the content is not the pinned one, OutputError if the cache cannot be written.
     """
     return [_fetch_file(file, mirror, progress) for file in dataset.files]
 
@@ -62,7 +62,8 @@ def _fetch_file(file: RemoteFile, mirror: str | None, progress: Progress) -> Pat
 
 
 class ResumedDownload:
-    """A downloader for pooch that keeps what came in ``part`` and asks for the rest, this time or the next."""
+    """A downloader for pooch that keeps the received bytes in ``part`` and requests the rest, now or in the next
+    call."""
 
     def __init__(self, file: RemoteFile, part: Path, progress: Progress = no_progress) -> None:
         self.file, self.part, self.progress = file, part, progress
@@ -82,15 +83,15 @@ class ResumedDownload:
         shutil.copyfile(self.part, output_file)
 
     def _take_rest(self, url: str) -> None:
-        """Appends what is missing; from the start where the server knows no ranges."""
+        """Appends the missing bytes; starts from the beginning if the server does not support ranges."""
         import requests
 
         have = self.part.stat().st_size if self.part.exists() else 0
-        # Sizes count the bytes of the file itself, so nothing may be packed for the way.
+        # Sizes count the bytes of the file itself, so the server must not compress the answer.
         headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={have}-"} if have else {})
         with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT_S) as answer:
             if answer.status_code == _UNSATISFIABLE and have:
-                return  # nothing is missing; the hash tells whether that is so
+                return  # nothing is missing; the hash verifies this
             answer.raise_for_status()
             have = have if answer.status_code == _PARTIAL else 0
             total = self._append(answer, have)
@@ -98,7 +99,8 @@ class ResumedDownload:
             raise requests.ConnectionError(f"ended after {self.part.stat().st_size} of {total} bytes")
 
     def _append(self, answer: requests.Response, have: int) -> int | None:
-        """The pieces of an answer behind the first ``have`` bytes; how long the whole should be, if that was said."""
+        """The pieces of an answer after the first ``have`` bytes; and the length of the whole, if the server gave
+        it."""
         length = answer.headers.get("Content-Length", "")
         total = have + int(length) if length.isdigit() else None
         with self.part.open("r+b" if have else "wb") as stream:
@@ -111,7 +113,7 @@ class ResumedDownload:
 
 
 def _pieces(answer: requests.Response) -> Iterator[bytes]:
-    """What has come, as soon as it has: requests' own loop loses the last, broken piece."""
+    """The bytes as soon as they have arrived: requests' own loop loses the last, incomplete piece."""
     import requests
     from urllib3.exceptions import HTTPError
 

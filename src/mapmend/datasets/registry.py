@@ -36,7 +36,7 @@ class RemoteFile:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A log or a graph, and its true relations where there are any. The first file is what the name stands for."""
+    """A log or a graph, and its true relations if there are any. The name stands for the first file."""
 
     name: str
     what: str
@@ -137,12 +137,12 @@ DATASETS = (
 
 
 def find(name: str) -> Dataset | None:
-    """The dataset of that name; None where there is none."""
+    """The dataset of this name; None if there is none."""
     return next((dataset for dataset in DATASETS if dataset.name == name), None)
 
 
 def find_file(name: str) -> RemoteFile | None:
-    """What a name stands for where a file is asked for: a dataset's log or graph, or a file of one by its own name."""
+    """The file that a name stands for: the log or graph of a dataset, or a file of a dataset by its own name."""
     dataset = find(name)
     if dataset is not None:
         return dataset.files[0]

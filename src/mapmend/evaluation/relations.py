@@ -1,7 +1,7 @@
 """The relation metric of Kuemmerle et al., "On Measuring the Accuracy of SLAM Algorithms", Autonomous Robots 27, 2009.
 
-A relation is the true pose at one time seen from the pose at another. Comparing relations, not positions, needs no
-alignment and does not punish a map for a bend that happened once and moved everything after it.
+A relation is the true pose at one time relative to the pose at another. Comparing relations instead of positions needs
+no alignment, and a single bend that moves everything after it counts only once.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ NEAREST_STAMP_WITHIN_S = 1.0
 class RelationErrors:
     """How far a trajectory's relations are from the true ones; standard deviations are those of the population.
 
-    ``is_used``: shape (total,), the relations whose two times the trajectory reaches. ``translation_m`` and
-    ``rotation_deg``: shape (used,), the errors of these, neither ever negative, in the order of the relations.
+    ``is_used``: shape (total,), the relations whose two times the trajectory covers. ``translation_m`` and
+    ``rotation_deg``: shape (used,), the errors of these, never negative, in the order of the relations.
     """
 
     translation_mean_m: float
@@ -56,12 +56,12 @@ def relation_errors(
     The error of one relation is ``inverse(true relation) * estimated relation``: the length of its translation and the
     size of its angle. The trajectory is taken in the order of its stamps (rows of equal stamps keep their order, and
     the first of them counts); a pose between two stamps is interpolated linearly, the angle along the shorter turn. A
-    relation is used where the nearest stamp to either time is at most 1.0 s away; up to there the trajectory's ends
-    stand still.
+    relation is used if the nearest stamp to each of its times is at most 1.0 s away; beyond the trajectory's ends, up
+    to there, the pose stays constant.
 
     ``stamps_s``: shape (n,), seconds. ``poses``: shape (n, 3), robot poses in any fixed frame. ``t1_s``, ``t2_s``:
-    shape (m,). ``relative_poses``: shape (m, 3), the true pose at t2 seen from the pose at t1. ``T_robot_laser``:
-    shape (3,), given where the relations hold for the laser and not for the robot.
+    shape (m,). ``relative_poses``: shape (m, 3), the true pose at t2 relative to the pose at t1. ``T_robot_laser``:
+    shape (3,), to be given if the relations are those of the laser and not of the robot.
     Raises MapmendError for other shapes, for numbers that are not finite, and where no relation can be used.
     """
     first, second, true = _checked_relations(t1_s, t2_s, relative_poses)

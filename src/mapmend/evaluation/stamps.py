@@ -1,4 +1,4 @@
-"""Poses of a trajectory at times that it has no pose for."""
+"""Poses of a trajectory at times between its stamps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mapmend.geometry.se2 import Array, interpolate
 def checked_trajectory(stamps_s: ArrayLike, poses: ArrayLike, name: str) -> tuple[Array, Array]:
     """The two as float64 arrays of shapes (n,) and (n, 3).
 
-    Raises MapmendError where the shapes differ from these, n is 0 or a number is not finite.
+    Raises MapmendError if the shapes differ from these, if n is 0 or if a number is not finite.
     """
     stamps, rows = np.asarray(stamps_s, dtype=np.float64), np.asarray(poses, dtype=np.float64)
     if stamps.ndim != 1 or rows.shape != (len(stamps), 3):
@@ -28,7 +28,7 @@ def checked_trajectory(stamps_s: ArrayLike, poses: ArrayLike, name: str) -> tupl
 
 @dataclass(frozen=True)
 class StampedPoses:
-    """A trajectory as a function of time: stamps that rise strictly, shape (n,), and poses, shape (n, 3)."""
+    """A trajectory as a function of time: strictly rising stamps, shape (n,), and poses, shape (n, 3)."""
 
     stamps_s: Array
     poses: Array
@@ -49,7 +49,7 @@ class StampedPoses:
         """Poses at the given times, shape (m, 3), and each time's distance from the nearest stamp, seconds, (m,).
 
         Between two stamps x, y and the angle are linear in time, the angle along the shorter turn. Before the first
-        stamp and after the last the pose there stands still: whoever minds asks the distance.
+        stamp and after the last, the pose there is used; a caller can detect this by the distance.
         """
         times = np.asarray(times_s, dtype=np.float64)
         last = len(self.stamps_s) - 1

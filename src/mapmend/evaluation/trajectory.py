@@ -1,4 +1,4 @@
-"""A trajectory against a reference trajectory: absolute error after alignment, and relative error along the way."""
+"""A trajectory against a reference trajectory: absolute error after alignment, and relative error along the path."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ MAX_DIFFERENCE_S = 0.1
 """A pose has a counterpart if the reference has a stamp at most this far from it."""
 
 END_SLACK_S = 1e-3
-"""How far a pose may lie outside the reference's time span: what rounding to text does to a stamp, no more."""
+"""How far a pose may be outside the reference's time span: only as far as rounding to text changes a stamp."""
 
 
 @dataclass(frozen=True)
 class TrajectoryErrors:
     """Absolute errors after rigid alignment. ``T_reference_estimate``: shape (3,), the alignment.
 
-    ``translation_m`` and ``rotation_deg``: shape (used,), the errors one by one, neither ever negative;
+    ``translation_m`` and ``rotation_deg``: shape (used,), the errors one by one, never negative;
     ``is_used``: shape (total,), the poses of the estimate that have a counterpart.
     """
 
@@ -43,7 +43,7 @@ class TrajectoryErrors:
 class RelativeErrors:
     """Errors of the motion over stretches of ``distance_m`` of the reference's path; ``used`` such stretches.
 
-    ``translation_m`` and ``rotation_deg``: shape (used,), the errors one by one, neither ever negative.
+    ``translation_m`` and ``rotation_deg``: shape (used,), the errors one by one, never negative.
     """
 
     distance_m: float
@@ -58,8 +58,8 @@ class RelativeErrors:
 def align(points: ArrayLike, reference_points: ArrayLike) -> Array:
     """``T_reference_points``, shape (3,): the rigid motion with the least sum of squared distances, both (n, 2).
 
-    Closed form in the plane (Horn 1987 and Umeyama 1991, without scale). Where all points coincide, every angle is as
-    good as another and the angle is 0. Raises MapmendError for other shapes, or without points.
+    Closed form in the plane (Horn 1987 and Umeyama 1991, without scale). If all points coincide, no angle is better
+    than another and the angle is 0. Raises MapmendError for other shapes, or without points.
     """
     from_points, to_points = np.asarray(points, dtype=np.float64), np.asarray(reference_points, dtype=np.float64)
     if from_points.ndim != 2 or from_points.shape[1] != 2 or from_points.shape != to_points.shape:
@@ -85,8 +85,8 @@ def trajectory_errors(
     """The absolute trajectory error (Sturm et al., IROS 2012) of (n, 3) poses against (m, 3) reference poses.
 
     The reference is interpolated at each stamp of the estimate: linearly between its neighbours, the angle along the
-    shorter turn; of repeated reference stamps the first counts. A pose is used where the nearest reference stamp is at
-    most ``max_difference_s`` away and the stamp lies in the reference's time span. Then the estimate is moved onto the
+    shorter turn; of repeated reference stamps the first counts. A pose is used if the nearest reference stamp is at
+    most ``max_difference_s`` away and the stamp is in the reference's time span. Then the estimate is moved onto the
     reference by the best rigid motion of its positions, without scale.
     Raises MapmendError for other shapes, for numbers that are not finite, and where no pose can be used.
     """
@@ -121,11 +121,11 @@ def relative_errors(
     distance_m: float = 1.0,
     max_difference_s: float = MAX_DIFFERENCE_S,
 ) -> RelativeErrors:
-    """The relative pose error over ``distance_m``: how the estimate drifts from each pose to the one that far on.
+    """The relative pose error over ``distance_m``: the drift of the estimate from each pose to the one that far on.
 
     Poses are paired as in ``trajectory_errors`` and taken in the order of their stamps; a stretch ends at the first
-    pose that the reference has driven ``distance_m`` to. Its error is ``inverse(true motion) * estimated motion``.
-    Raises MapmendError as ``trajectory_errors`` does, and where the reference is shorter than ``distance_m``.
+    pose at which the reference has driven ``distance_m``. Its error is ``inverse(true motion) * estimated motion``.
+    Raises MapmendError as ``trajectory_errors`` does, and if the reference is shorter than ``distance_m``.
     """
     if not distance_m > 0.0:
         raise MapmendError(f"distance_m must be positive, got {distance_m}")
@@ -134,7 +134,7 @@ def relative_errors(
     estimate, reference = estimate[order], reference[order]
     steps_m = np.hypot(*np.diff(reference[:, :2], axis=0).T)
     path_m = np.concatenate(([0.0], np.cumsum(steps_m)))
-    # A hair less than the distance, so that rounding in the sum does not push the end one pose on.
+    # Slightly less than the distance, so that rounding in the sum does not move the end to the next pose.
     ends = np.searchsorted(path_m, path_m + distance_m * (1.0 - 1e-9))
     starts = np.flatnonzero(ends < len(path_m))
     if not len(starts):

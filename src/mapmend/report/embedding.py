@@ -1,4 +1,4 @@
-"""Arrays and pictures as text in a page: base64, and JSON that no name can break out of."""
+"""Arrays and pictures as text in a page: base64, and JSON whose strings cannot become markup."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def packed(values: ArrayLike, kind: str) -> dict[str, str]:
 
 
 def safe_json(values: dict[str, Any]) -> str:
-    """JSON that may stand between script tags: no tag, comment or line can begin in it, whatever a name holds."""
+    """JSON that is safe between script tags: no tag, comment or line can begin in it, whatever a name contains."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     for mark, escaped in _UNSAFE.items():
         text = text.replace(mark, escaped)
@@ -41,7 +41,7 @@ def source_hash(text: str) -> str:
 
 
 def packed_map(grid: OccupancyMap) -> dict[str, Any]:
-    """The map as a PNG, the highest row first, and where it lies: lower left corner and size in metres."""
+    """The map as a PNG, the highest row first, and its place: lower left corner and size in metres."""
     rows, columns = grid.image.shape
     factor = int(np.ceil(np.sqrt(rows * columns / MOST_PIXELS)))
     cells = shrunk(grid.image, max(factor, 1))

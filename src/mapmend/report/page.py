@@ -10,13 +10,13 @@ from mapmend.report.embedding import safe_json, source_hash
 from mapmend.report.run_data import Run, run_values
 
 SCRIPTS = ("numbers.js", "model.js", "layers.js", "view.js", "panels.js", "facts.js", "results.js", "main.js")
-"""In the order in which they build on each other; they share one scope, as one script."""
+"""In the order of their dependencies; they share one scope, as one script."""
 
 
 def report_page(runs: list[Run]) -> str:
     """The report of the first of ``runs`` beside the others: HTML that needs no other file and no network.
 
-    A content security policy lets nothing run but the page's own script, by its hash, and nothing be fetched.
+    A content security policy allows only the page's own script, by its hash, and no fetch.
     """
     style = _source("report.css")
     script = '"use strict";\n{\n' + "\n".join(_source(name) for name in SCRIPTS) + "}\n"
@@ -29,7 +29,7 @@ def report_page(runs: list[Run]) -> str:
         "script_hash": source_hash(script),
         "data": safe_json({"runs": [run_values(run) for run in runs]}),
     }
-    # One pass over the template: what is put in is never looked through for places again.
+    # One pass over the template: inserted text is never searched for placeholders again.
     first, *parts = _source("report.html").split("{")
     text = [first]
     for part in parts:

@@ -1,4 +1,4 @@
-"""What the report shows of a RUN: its graph, its map, and what the check says of them."""
+"""What the report shows of a RUN: its graph, its map, and the result of the check."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ Float = NDArray[np.float64]
 
 TUNE_FILE = "tune.json"
 MOST_READINGS = 1_500_000
-"""More laser readings are thinned beam by beam: 3 MB in the page."""
+"""If there are more laser readings, only every few beams are kept: 3 MB in the page."""
 
 READINGS_PER_M = 500.0
 """Readings are kept in steps of 2 mm, up to 131 m, in two bytes."""
 
 MOST_POINTS = 100_000
 STEP_M = 0.01
-"""Scans of a robot that moved less than this since the last one drawn are left out of the trajectory's line."""
+"""A scan is left out of the trajectory's line if the robot moved less than this since the last one drawn."""
 
 FEW_WALLS, MARGIN_M = 0.003, 1.0
-"""The first view leaves out so much of the walls on each side, and shows so much beyond the rest."""
+"""The first view leaves out this share of the walls on each side, and shows this margin around the rest."""
 
 ODOMETRY, STRETCH, LOOP = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class Run:
-    """A RUN folder, read; ``page`` is its run.json. ``result`` is None where ``unchecked`` says why.
+    """A RUN folder, read; ``page`` is its run.json. If ``result`` is None, ``unchecked`` says why.
 
-    ``tune``: what ``mapmend tune RUN --json`` printed, where it was put into the RUN as tune.json.
+    ``tune``: the output of ``mapmend tune RUN --json``, if it is in the RUN as tune.json.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Run:
 
 
 def read_checked(folder: str | Path, config: Config, *, threads: int = 1, progress: Progress = no_progress) -> Run:
-    """A RUN folder with the check of its graph; raises InputError for what is no RUN, or a damaged one."""
+    """A RUN folder with the check of its graph; raises InputError if it is not a RUN, or a damaged one."""
     trajectory, graph = read_run(folder)
     if graph is None:
         raise InputError(folder, "the RUN holds no graph.g2o", "map the log again")
@@ -94,7 +94,7 @@ def _read_object(path: Path) -> dict[str, Any]:
 
 
 def run_values(run: Run) -> dict[str, Any]:
-    """All that the page knows of a RUN, fit for JSON."""
+    """All data of a RUN that the page needs, ready for JSON."""
     graph = run.graph
     first_s = float(run.trajectory.stamps_s[0]) if len(run.trajectory) else 0.0
     return {
@@ -123,13 +123,13 @@ def run_values(run: Run) -> dict[str, Any]:
 
 
 def _turned_rad(page: dict[str, Any]) -> float:
-    """By how much ``--align`` turned the map."""
+    """The turn of the map by ``--align``."""
     alignment = page.get("alignment")
     return float(alignment["T_map_start"][2]) if isinstance(alignment, dict) else 0.0
 
 
 def _settings(used: Any) -> list[list[Any]]:
-    """Every setting of the RUN with its default, ``[name, value, default]``, as far as it is known today."""
+    """Every setting of the RUN with its default, ``[name, value, default]``, where this version has the setting."""
     tables = used if isinstance(used, dict) else {}
     known = to_dict(Config())
     rows = []
@@ -143,7 +143,7 @@ def _settings(used: Any) -> list[list[Any]]:
 
 
 def _bounds(run: Run) -> list[float]:
-    """Low x, low y, high x, high y of what is worth looking at: glass lets single beams out of most buildings."""
+    """Low x, low y, high x, high y of the interesting part: single beams leave most buildings through glass."""
     rows, columns = np.nonzero(run.grid.image == OCCUPIED)
     walls = np.array(run.grid.origin[:2]) + (np.stack((columns, rows), axis=1) + 0.5) * run.grid.resolution_m
     places = run.trajectory.poses[:, :2]
@@ -170,7 +170,7 @@ def _verdict(run: Run) -> dict[str, Any]:
 
 
 def _trajectory(trajectory: Trajectory, first_s: float) -> dict[str, Any]:
-    """The line to draw: seconds since the first scan, and places."""
+    """The line to draw: seconds since the first scan, and positions."""
     places = trajectory.poses[:, :2]
     kept = [0] if len(places) else []
     last = places[0] if len(places) else None
@@ -212,7 +212,8 @@ def _nodes(run: Run, first_s: float) -> dict[str, Any]:
 
 
 def _stds(graph: PoseGraph) -> tuple[Float, Float]:
-    """How well each node is known, seen from the fixed one: along the longer axis, metres, and the heading, radians."""
+    """Standard deviations of each node relative to the fixed one: along the longer axis, metres, and heading,
+    radians."""
     from mapmend.graph.marginals import marginals
     from mapmend.graph.optimizer import optimize
 
@@ -228,7 +229,7 @@ def _edges(graph: PoseGraph) -> dict[str, Any]:
     from mapmend.graph.optimizer import edge_chi2, edge_errors
 
     kind = np.where(graph.is_loop, LOOP, ODOMETRY)
-    # A stretch edge is odometry over several nodes; where nodes have no order in time, no edge is one.
+    # A stretch edge is odometry over several nodes; if the nodes have no order in time, no edge is a stretch edge.
     is_long = np.abs(graph.edges[:, 1] - graph.edges[:, 0]) > 1
     kind[~graph.is_loop & is_long] = STRETCH
     errors = edge_errors(graph)
@@ -243,7 +244,7 @@ def _edges(graph: PoseGraph) -> dict[str, Any]:
 
 
 def _suspects(result: CheckResult | None) -> dict[str, Any]:
-    """Rows of edges with what speaks against each, the most suspect first, where anything does."""
+    """Rows of edges with the evidence against each, the most suspect first; edges without evidence are left out."""
     if result is None:
         return {"edge": packed([], "int32"), "against": packed([], "float32")}
     some = result.against > 0.0
@@ -273,7 +274,7 @@ def _regions(result: CheckResult | None) -> list[dict[str, Any]]:
 
 
 def _scans(scans: Scans) -> dict[str, Any]:
-    """The nodes' readings, every few beams of them where there are too many."""
+    """The nodes' readings, only every few beams if there are too many."""
     stride = max(1, -(-len(scans.ranges_m) // MOST_READINGS))
     parts, counts = [], []
     for k in range(len(scans)):

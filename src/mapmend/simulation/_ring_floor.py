@@ -13,14 +13,14 @@ from mapmend.simulation._shapes import WALL_THICKNESS_M, Rectangle, box, boxes, 
 
 DOOR_WIDTH_M = 1.1
 DOOR_STRIP_M = 0.75
-"""Half the width of the strip behind a door that furniture leaves free, so that a robot gets in and out."""
+"""Half the width of the strip behind a door that is free of furniture, so that a robot gets in and out."""
 
 CABINET_DEPTH_M = 0.25
 
 
 @dataclass(frozen=True)
 class Room:
-    """A room between two x with one door; where the door is open and ``visited``, the robot drives in and out again."""
+    """A room between two x with one door; if the door is open and the room ``visited``, the robot drives in and out."""
 
     x0_m: float
     x1_m: float
@@ -33,10 +33,10 @@ class Room:
 
 @dataclass(frozen=True)
 class RingFloor:
-    """The floor's measures from bottom to top; its left lower corner is (0, 0).
+    """The floor's dimensions from bottom to top; its lower left corner is (0, 0).
 
     ``below``, ``inside`` and ``above``: rooms from left to right. Rooms below open upwards, rooms above downwards, and
-    those inside either way. ``cabinets`` stand along the corridors' walls.
+    those inside in either direction. ``cabinets`` are along the corridors' walls.
     """
 
     width_m: float
@@ -78,7 +78,7 @@ class RingFloor:
         return np.vstack(parts)
 
     def route(self, overlap_m: float = 6.0) -> Array:
-        """Once round the ring, counter-clockwise, into the rooms to visit, and on past the start: shape (k, 2)."""
+        """Once around the ring, counter-clockwise, into the rooms to visit, and on past the start: shape (k, 2)."""
         first, second, third, fourth, top = self.levels_m()
         half = self.corridor_m / 2.0
         low, high, left, right = first + half, third + half, half, self.width_m - half
@@ -94,7 +94,7 @@ class RingFloor:
         for x, y in sorted(on_the_way_back, reverse=True):
             points += [(x, high), (x, y), (x, high)]
         points += [(left, high), (left, low), (left + overlap_m, low)]
-        # Doors that face each other would name the same point twice.
+        # Doors that face each other would give the same point twice.
         return np.array([points[0], *(b for a, b in pairwise(points) if a != b)], dtype=np.float64)
 
 
@@ -120,7 +120,7 @@ def furnish(room: Room, floor_y: tuple[float, float], rng: np.random.Generator) 
 def cabinets_along(
     y_m: float, depth_m: float, ends: tuple[float, float], doors_x_m: Sequence[float], rng: np.random.Generator
 ) -> list[Rectangle]:
-    """Cabinets every few metres along a corridor's wall; ``depth_m`` is negative where they stand below ``y_m``."""
+    """Cabinets every few metres along a corridor's wall; ``depth_m`` is negative for cabinets below ``y_m``."""
     found: list[Rectangle] = []
     x = ends[0] + rng.uniform(0.5, 4.0)
     while x < ends[1] - 1.5:

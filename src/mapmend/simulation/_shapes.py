@@ -1,4 +1,4 @@
-"""What buildings are drawn with: lines, boxes and walls with doors, each an array of segments (n, 4) in metres."""
+"""The parts of buildings: lines, boxes and walls with doors, each an array of segments (n, 4) in metres."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def boxes(rectangles: Sequence[Rectangle]) -> Array:
 
 
 def wall_along_x(y_m: float, ends: Interval, open_doors: Sequence[Interval], shut_doors: Sequence[Interval]) -> Array:
-    """A thick wall at ``y_m`` between two x, with gaps where doors stand open and niches where they are shut."""
+    """A thick wall at ``y_m`` between two x, with gaps for open doors and niches for closed ones."""
     half, leaf = WALL_THICKNESS_M / 2.0, DOOR_LEAF_M / 2.0
     parts: list[Rectangle] = [(x0, y_m - leaf, x1, y_m + leaf) for x0, x1 in shut_doors]
     begin = ends[0]

@@ -1,4 +1,4 @@
-"""How a robot drives a route, and what its wheels report of it while they slip."""
+"""How a robot drives a route, and what its wheels report while they slip."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHARPEST_ARC_RAD = np.radians(150.0)
 class SlipEvent:
     """From ``start_m`` along the route, the wheels report ``length_m`` of which ``share`` does not happen.
 
-    The robot goes on ``(1 - share) * length_m`` in that time: 0.3 is a slippery floor, 1 spins on the spot. A negative
+    The robot moves by ``(1 - share) * length_m`` in that time: 0.3 is a slippery floor, 1 spins on the spot. A negative
     share is a skid: the robot goes further than its wheels report. Turning on the spot never slips.
     Raises MapmendError for a share above 1, a length that is not positive, a start before 0.
     """
@@ -34,15 +34,16 @@ class SlipEvent:
 
     @property
     def end_m(self) -> float:
-        """Where on the route it ends."""
+        """Its end on the route."""
         return self.start_m + (1.0 - self.share) * self.length_m
 
 
 @dataclass(frozen=True)
 class Traction:
-    """What the wheels report against the way on the ground: a line through knots, both of shape (k,), that never fall.
+    """The path that the wheels report over the path on the ground: a line through knots, both of shape (k,), never
+    falling.
 
-    Beyond the last knot the two run on alike.
+    Beyond the last knot both grow equally.
     """
 
     path_m: Array
@@ -50,7 +51,7 @@ class Traction:
 
     @staticmethod
     def with_slips(slips: Sequence[SlipEvent]) -> Traction:
-        """Raises MapmendError where two of the slips overlap."""
+        """Raises MapmendError if two of the slips overlap."""
         path, wheel = [0.0], [0.0]
         for slip in sorted(slips, key=lambda s: s.start_m):
             if slip.start_m < path[-1] - 1e-9:
@@ -61,12 +62,12 @@ class Traction:
         return Traction(np.array(path), np.array(wheel))
 
     def reported_m(self, path_m: ArrayLike) -> Array:
-        """What the wheels report when the robot gets to ``path_m``."""
+        """The path that the wheels report when the robot has driven ``path_m``."""
         way = np.asarray(path_m, dtype=np.float64)
         return np.interp(way, self.path_m, self.wheel_m) + np.maximum(way - self.path_m[-1], 0.0)
 
     def travelled_m(self, wheel_m: ArrayLike) -> Array:
-        """Where the robot is when the wheels report ``wheel_m``."""
+        """The path that the robot has driven when the wheels report ``wheel_m``."""
         reported = np.asarray(wheel_m, dtype=np.float64)
         return np.interp(reported, self.wheel_m, self.path_m) + np.maximum(reported - self.wheel_m[-1], 0.0)
 
@@ -75,8 +76,8 @@ class Traction:
 class Drive:
     """k motions one after the other, each along an arc: ``lengths_m`` and ``angles_rad``, shape (k,).
 
-    ``start_poses``: shape (k, 3). ``starts_s``, ``paths_m`` and ``wheels_m``: shape (k + 1,), time, way on the ground
-    and way reported at the motions' starts and at the end of the last. ``traction`` says how the last two go together.
+    ``start_poses``: shape (k, 3). ``starts_s``, ``paths_m`` and ``wheels_m``: shape (k + 1,), time, path on the ground
+    and path reported at the motions' starts and at the end of the last. ``traction`` relates the last two.
     """
 
     start_poses: Array
@@ -92,7 +93,7 @@ class Drive:
         return float(self.starts_s[-1])
 
     def at(self, times_s: ArrayLike) -> tuple[Array, Array, Array]:
-        """True poses (m, 3), way on the ground (m,) and way the wheels report (m,) at times of shape (m,)."""
+        """True poses (m, 3), path on the ground (m,) and path that the wheels report (m,) at times of shape (m,)."""
         times = np.asarray(times_s, dtype=np.float64)
         k = np.clip(np.searchsorted(self.starts_s, times, side="right") - 1, 0, len(self.lengths_m) - 1)
         span_s = np.maximum(self.starts_s[k + 1] - self.starts_s[k], 1e-300)
@@ -116,9 +117,10 @@ def arc_step(length_m: Array, angle_rad: Array) -> Array:
 def plan_drive(
     route: Array, speed_mps: float, turn_rate_radps: float, turn_radius_m: float, slips: Sequence[SlipEvent] = ()
 ) -> Drive:
-    """Straight from way-point to way-point of a route (k, 2); the corners are cut by arcs, or turned on the spot.
+    """Straight from way-point to way-point of a route (k, 2); corners are cut by arcs or turned on the spot.
 
-    An arc needs legs long enough and a turn below 150 degrees; ``turn_radius_m`` 0 turns on the spot always. The wheels
+    An arc needs legs that are long enough and a turn below 150 degrees; with ``turn_radius_m`` 0, all turns are on the
+    spot. The wheels
     turn at ``speed_mps`` whether they slip or not; a turn takes at least what ``turn_rate_radps`` allows.
     Raises MapmendError for speeds that are not positive, way-points that coincide, or slips that overlap or
     begin after the end.
@@ -141,13 +143,13 @@ def plan_drive(
 
 
 def straight_stretches(drive: Drive) -> Array:
-    """Where the drive goes straight: shape (s, 2), from and to in metres along the way."""
+    """The straight parts of the drive: shape (s, 2), from and to in metres along the path."""
     is_straight = (drive.angles_rad == 0.0) & (drive.lengths_m > 0.0)
     return np.column_stack((drive.paths_m[:-1], drive.paths_m[1:]))[is_straight]
 
 
 def _motions(route: Array, turn_radius_m: float) -> tuple[Array, Array, Array]:
-    """Lengths and angles of straight runs and turns in turn, and the first pose."""
+    """Lengths and angles of alternating straight runs and turns, and the first pose."""
     legs = np.diff(route, axis=0)
     leg_lengths = np.hypot(legs[:, 0], legs[:, 1])
     if np.any(leg_lengths < 1e-6):

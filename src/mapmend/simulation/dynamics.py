@@ -19,12 +19,12 @@ LEG_WIDTH_M = 0.13
 LEGS_APART_M = 0.25
 WALKING_MPS = 1.1
 ROOM_FOR_ROBOT_M = 0.45
-"""Moved things stay so far off the robot's way."""
+"""The least distance of moved things from the robot's path."""
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """How many people walk along the robot's way, and how many things stand elsewhere in the drive's second half."""
+    """How many people walk along the robot's path, and how many things are elsewhere in the drive's second half."""
 
     people: int = 0
     moved_objects: int = 0
@@ -66,7 +66,7 @@ def scan_changing_world(
 
 
 def _placed_objects(world: World, count: int, rng: Generator) -> list[tuple[float, float, float, float]]:
-    """Boxes beside the route, none in the robot's way."""
+    """Boxes beside the route, none on the robot's path."""
     placed: list[tuple[float, float, float, float]] = []
     way = _along(world.route, np.arange(0.0, world.route_length_m(), 0.1))
     while len(placed) < count:
@@ -80,7 +80,7 @@ def _placed_objects(world: World, count: int, rng: Generator) -> list[tuple[floa
 
 
 def _walk(route: Array, stamps_s: Array, rng: Generator) -> Array:
-    """Where a person is at each stamp, (n, 4): x, y, and the way's direction."""
+    """The position of a person at each stamp, (n, 4): x, y, and the direction of the path."""
     length = float(np.sum(np.hypot(*np.diff(route, axis=0).T)))
     begin, span = rng.uniform(0.0, length), rng.uniform(8.0, 20.0)
     phase = (rng.uniform(0.0, 2.0 * span) + WALKING_MPS * stamps_s) % (2.0 * span)
@@ -92,7 +92,7 @@ def _walk(route: Array, stamps_s: Array, rng: Generator) -> Array:
 
 
 def _legs(people: list[Array], pose: Array, reach_m: float) -> Array:
-    """The legs of the people within reach, but of none who would stand where the robot is, as segments (k, 4)."""
+    """The legs of the people within reach, except those who would be where the robot is, as segments (k, 4)."""
     half = LEG_WIDTH_M / 2.0
     legs = []
     for x, y, side_x, side_y in people:

@@ -1,4 +1,4 @@
-"""What an ideal laser measures between walls."""
+"""The readings of an ideal laser between walls."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import Array
 
 JOINT_SLACK = 1e-9
-"""By what share of its length a wall reaches over its ends, so that no ray slips through where two walls meet."""
+"""The share of its length by which a wall is extended at its ends, so that no ray passes where two walls meet."""
 
 
 def cast_rays(walls: ArrayLike, laser_poses: ArrayLike, bearings_rad: ArrayLike, max_range_m: float) -> Array:
-    """Exact distances to the nearest walls, shape (n, b); ``inf`` where none lies below ``max_range_m``.
+    """Exact distances to the nearest walls, shape (n, b); ``inf`` if none is nearer than ``max_range_m``.
 
     ``walls``: shape (w, 4), segments ``x1 y1 x2 y2``. ``laser_poses``: shape (n, 3), in the walls' frame.
     ``bearings_rad``: shape (b,), in the laser's frame. A wall seen exactly end-on is not seen.

@@ -1,7 +1,7 @@
 """A robot with a laser and slipping wheels drives through a building: a log, and the truth about it.
 
-Everything is drawn from one seed; slips, odometry, range noise and lost returns each have a stream of their own, so
-that changing one leaves the others as they were.
+All random numbers follow from one seed. Slips, odometry, range noise and lost returns each have a stream of their own,
+so that a change of one does not change the others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mapmend.simulation.ray_casting import cast_rays
 from mapmend.simulation.world import World
 
 HALF_CIRCLE_LASER = LaserGeometry(180, -np.pi / 2.0, np.pi / 180.0, 8.0)
-"""180 beams, one a degree from the right to the left, 8 m: what was common when the public logs were recorded."""
+"""180 beams, one a degree from right to left, 8 m: common when the public logs were recorded."""
 
 SHORTEST_RANGE_M = 1e-3
 """Noise never makes a reading shorter than this: a range is positive."""
@@ -27,10 +27,10 @@ SHORTEST_RANGE_M = 1e-3
 GAP_BETWEEN_SLIPS_M = 0.5
 
 SPEED_WANDERS_S = 3.0
-"""A speed that wanders has lost all but a factor of e of where it was after so long."""
+"""The time after which a wandering speed has forgotten its deviation by a factor of e."""
 
 SLOWEST_SHARE = 0.2
-"""However a speed wanders, this share of it is left."""
+"""A wandering speed never falls below this share of the speed."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,13 @@ class LaserModel:
 
 @dataclass(frozen=True)
 class OdometryModel:
-    """What the wheels make of the true motion.
+    """The motion that the wheels report, as a function of the true motion.
 
-    Noise is a random walk: a standard deviation that is the given one after 1 m or 1 rad of motion and grows with the
-    root of it, whatever the time between scans. ``translation_scale`` and ``rotation_scale`` multiply the motion, and
-    ``rotation_bias_radpm`` turns the robot while it drives. ``slips`` happen where they say; ``random_slip_count`` more
-    are put on straight stretches at random, of a length and a share drawn from the two intervals.
+    Noise is a random walk: the standard deviation is the given one after 1 m or 1 rad of motion and grows with the root
+    of the motion, independent of the time between scans. ``translation_scale`` and ``rotation_scale`` multiply the
+    motion, and ``rotation_bias_radpm`` turns the robot while it drives. ``slips`` are at the given places;
+    ``random_slip_count`` more are at random places on straight stretches, with a length and a share drawn from the two
+    intervals.
     """
 
     forward_std_m_after_1_m: float = 0.02
@@ -86,7 +87,7 @@ class OdometryModel:
 
     @staticmethod
     def exact(slips: tuple[SlipEvent, ...] = ()) -> OdometryModel:
-        """Wheels without noise, which slip where they are told to and nowhere else."""
+        """Wheels without noise, which slip only at the given places."""
         return OdometryModel(0.0, 0.0, 0.0, 0.0, 0.0, slips=slips)
 
 
@@ -94,7 +95,7 @@ class OdometryModel:
 class Simulation:
     """A log and what really happened. ``truth``: shape (n, 3), the robot's poses in the world at each scan.
 
-    ``path_m``: shape (n,), the way on the ground up to each scan. ``slips``: all of them, in the order of the route.
+    ``path_m``: shape (n,), the path on the ground up to each scan. ``slips``: all of them, in the order of the route.
     """
 
     world: World
@@ -160,8 +161,9 @@ def simulate(
 
 
 def _scan_times(duration_s: float, interval_s: float, std_share: float, rng: Generator) -> Array:
-    """When on a drive of ``duration_s`` at even speeds each scan is taken, where speeds wander about these."""
-    # A hair more, so that a drive of a whole number of intervals ends with a scan however the division rounds.
+    """The times of the scans on a drive of ``duration_s`` at constant speeds, if the real speeds wander around
+    these."""
+    # Slightly more, so that a drive of a whole number of intervals ends with a scan, whatever the rounding.
     even = np.round(np.arange(int(duration_s / interval_s + 1e-9) + 1) * interval_s, 6)
     if std_share == 0.0:
         return even
@@ -174,7 +176,7 @@ def _scan_times(duration_s: float, interval_s: float, std_share: float, rng: Gen
 
 
 def reported_odometry(truth: Array, path_m: Array, wheel_m: Array, model: OdometryModel, rng: Generator) -> Array:
-    """``T_odometry_robot`` for true poses (n, 3), the way on the ground (n,) and the way the wheels report (n,).
+    """``T_odometry_robot`` for true poses (n, 3), the path on the ground (n,) and the path that the wheels report (n,).
 
     The first pose is (0, 0, 0). Motion that the wheels report and that did not happen goes along the robot's heading.
     """
@@ -196,7 +198,7 @@ def reported_odometry(truth: Array, path_m: Array, wheel_m: Array, model: Odomet
 
 
 def _chained(forward_m: Array, sideways_m: Array, rotation_rad: Array) -> Array:
-    """The poses that n steps lead through from (0, 0, 0), shape (n + 1, 3)."""
+    """The poses along n steps from (0, 0, 0), shape (n + 1, 3)."""
     heading = np.concatenate(([0.0], np.cumsum(rotation_rad)))
     cos, sin = np.cos(heading[:-1]), np.sin(heading[:-1])
     x = np.concatenate(([0.0], np.cumsum(cos * forward_m - sin * sideways_m)))
@@ -223,7 +225,7 @@ def _scans(world: World, laser: LaserModel, truth: Array, noise_rng: Generator, 
 
 
 def _all_slips(model: OdometryModel, straight_m: Array, rng: Generator) -> tuple[SlipEvent, ...]:
-    """The slips that are given and those drawn at random, each of the latter on one of the straight stretches."""
+    """The given slips and the random ones, each of the latter on one of the straight stretches."""
     slips = list(model.slips)
     lengths = straight_m[:, 1] - straight_m[:, 0]
     tries = 0

@@ -43,12 +43,12 @@ class World:
         return nearest
 
     def route_length_m(self) -> float:
-        """The length of the way from point to point."""
+        """The length of the path from point to point."""
         return float(np.sum(np.hypot(*np.diff(self.route, axis=0).T)))
 
 
 def corridor_loop() -> World:
-    """A ring of corridors, 18 m x 23 m outside, whose middle stretches show a laser of 8 m nothing but two walls.
+    """A ring of corridors, 18 m x 23 m outside; in the middle of each, a laser of 8 m sees only two walls.
 
     After the office of IGO section V-B, 17 m x 22 m and about 80 m of driving. One corner is a lobby with furniture,
     the other three have a few niches; between them the walls are bare. The route is 82 m, one round and 8 m more.
@@ -93,10 +93,10 @@ def office_floor() -> World:
 
 
 def random_building(seed: int) -> World:
-    """A ring floor drawn at random: the measures, the rooms, the doors, the furniture, the rooms visited, the compass.
+    """A random ring floor: dimensions, rooms, doors, furniture, the rooms visited, and the orientation are random.
 
-    16 m to 30 m wide and 13 m to 21 m high; half of the buildings stand on their side, half are mirrored, so that the
-    robot goes round either way. The same seed gives the same building.
+    16 m to 30 m wide and 13 m to 21 m high; half of the buildings are turned by a quarter turn, half are mirrored, so
+    that the robot drives round in either direction. The same seed gives the same building.
     """
     rng = np.random.default_rng(seed)
     corridor_m, width_m = float(rng.uniform(1.8, 2.6)), float(rng.uniform(16.0, 30.0))
@@ -136,7 +136,7 @@ def world_named(name: str, seed: int = 0) -> World:
 
 
 def _rooms(edges_m: tuple[float, ...], doors_m: tuple[float, ...], kinds: str) -> tuple[Room, ...]:
-    """Rooms from left to right. A letter each: s(hut), o(pen) or v(isited); a capital where the door opens upwards."""
+    """Rooms from left to right, one letter each: s(hut), o(pen) or v(isited); a capital if the door opens upwards."""
     return tuple(
         Room(x0, x1, door, kind in "oOvV", kind in "vV", kind.isupper())
         for (x0, x1), door, kind in zip(pairwise(edges_m), doors_m, kinds, strict=True)

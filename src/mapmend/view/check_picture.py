@@ -1,4 +1,4 @@
-"""check.png: the map, what contradicts itself in it in red, and the loop edges to suspect."""
+"""check.png: the map, the contradicting points in red, and the suspect loop edges."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ POINT, PATH, LOOP = "#495057", "#a5d8ff", "#74c0fc"
 WRONG_POINT, FAILED_SCAN, SUSPECT = "#e03131", "#f08c00", "#9c36b5"
 MOST_SUSPECTS, MOST_REGIONS = 3, 5
 MOST_POINTS = 400_000
-"""More end points are thinned: no picture shows them."""
+"""If there are more end points, only some are drawn: a picture cannot show more."""
 
 MARGIN_M = 1.0
 
@@ -51,7 +51,7 @@ def check_png(graph: PoseGraph, result: CheckResult, title: str) -> bytes:
 
 
 def _draw_wrong(axes: Axes, graph: PoseGraph, result: CheckResult, points: Float) -> None:
-    """What speaks against the map: failed scans, contradicting points, suspect loops, the worst regions' numbers."""
+    """The evidence against the map: failed scans, contradicting points, suspect loops, the worst regions' numbers."""
     failed = graph.poses[result.scans.failed]
     axes.plot(failed[:, 0], failed[:, 1], ".", color=FAILED_SCAN, markersize=4, label="failed scan")
     wrong = points[result.points]

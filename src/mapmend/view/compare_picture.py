@@ -18,7 +18,7 @@ Float = NDArray[np.float64]
 ACROSS, SIDE = 3, 6.5
 MARGIN_M = 1.0
 MOST_TIMES = 1.4
-"""No panel is wider or higher than so many times the smallest map: one that went astray is cut off."""
+"""No panel is wider or higher than this many times the smallest map: a lost map is cut off."""
 HERE = np.zeros(3)
 
 
@@ -51,7 +51,7 @@ def draw_maps(maps: list[ComparedMap], path: str | Path | IO[bytes]) -> None:
 
 
 def _window(maps: list[ComparedMap]) -> tuple[Float, Float]:
-    """What all panels show: all maps' known cells, as far as `MOST_TIMES` allows."""
+    """The area of all panels: the known cells of all maps, as far as `MOST_TIMES` allows."""
     boxes = [_known(shown.grid) for shown in maps]
     smallest = min(boxes, key=lambda box: float(np.prod(box[1] - box[0])))
     room = 0.5 * (MOST_TIMES - 1.0) * (smallest[1] - smallest[0])
@@ -61,7 +61,8 @@ def _window(maps: list[ComparedMap]) -> tuple[Float, Float]:
 
 
 def _known(grid: OccupancyMap) -> tuple[Float, Float]:
-    """The corners of what a map knows, m: all but half a percent of its cells on each side, which long beams clear."""
+    """The corners of a map's known area, m, without half a percent of its cells on each side, which long beams
+    clear."""
     rows, columns = np.nonzero(grid.image != UNKNOWN)
     if not len(rows):
         return np.zeros(2), np.ones(2)

@@ -24,7 +24,7 @@ MARGIN_M = 1.0
 
 @dataclass(frozen=True)
 class MapPanel:
-    """A map to show: ``poses`` (n, 3) and ``grid`` in the map's frame, which stands at ``T_world_map`` (3,)."""
+    """A map to show: ``poses`` (n, 3) and ``grid`` in the map's frame, whose pose is ``T_world_map`` (3,)."""
 
     title: str
     grid: OccupancyMap
@@ -47,7 +47,7 @@ def new_figure(panels: int, width_m: float, height_m: float, rows: int = 1, side
 
 
 def save_figure(figure: Figure, path: str | Path | IO[bytes]) -> None:
-    """Writes a PNG to a file or stream, without date and program's version: the same drawing, the same bytes."""
+    """Writes a PNG to a file or stream, without date and program version: the same drawing gives the same bytes."""
     figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.15, metadata={"Software": None})
 
 
@@ -66,7 +66,7 @@ def draw_comparison(walls: Float, truth: Float, maps: list[MapPanel], path: str 
     """The truth, then each map in the world's frame with the true path over it, all on the same axes, as a PNG."""
     low, high = _bounds(walls)
     for panel in maps:
-        # A map that went astray makes all panels larger, but a lost one must not make them unreadable.
+        # A bad map may make all panels larger, but a lost one must not make them unreadable.
         places = _in_world(panel.poses[:, :2], panel.T_world_map)
         size = high - low
         low = np.maximum(np.minimum(low, places.min(axis=0) - MARGIN_M), low - size)
@@ -96,7 +96,7 @@ def _draw_truth(axes: Axes, walls: Float, truth: Float) -> None:
 
 
 def draw_grid(axes: Axes, grid: OccupancyMap, T_world_map: Float) -> None:
-    """A map's cells, placed at ``T_world_map`` (3,)."""
+    """A map's cells, drawn at ``T_world_map`` (3,)."""
     from matplotlib.colors import to_rgb
     from matplotlib.transforms import Affine2D
 
@@ -118,7 +118,7 @@ def draw_grid(axes: Axes, grid: OccupancyMap, T_world_map: Float) -> None:
 
 
 def finish_axes(axes: Axes, title: str, low: Float, high: Float) -> None:
-    """Title, equal scales, and the corners ``low`` and ``high`` (2,) of what is shown, m."""
+    """Title, equal scales, and the corners ``low`` and ``high`` (2,) of the area shown, m."""
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])

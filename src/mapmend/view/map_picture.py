@@ -1,4 +1,4 @@
-"""map.png: the map with trajectory, key-nodes and loop edges over it, to look at. Pillow alone: it must be quick."""
+"""map.png: the map with trajectory, key-nodes and loop edges over it, to look at. Pillow alone, because it is fast."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_PIXELS = 4000
 """No side of a picture is longer."""
 
 WANTED_PIXELS = 1600
-"""Small maps are drawn with several pixels a cell up to this, so that lines over them stay thin."""
+"""Small maps are drawn with several pixels for each cell, up to this size, so that lines over them stay thin."""
 
 FREE_COLOUR: Colour = (255, 255, 255)
 UNKNOWN_COLOUR: Colour = (222, 226, 230)
@@ -75,7 +75,7 @@ def draw_map(grid: OccupancyMap, overlay: Overlay, title: str = "") -> Image.Ima
 
 @dataclass(frozen=True)
 class _Frame:
-    """Where metres of the map lie in the picture."""
+    """The transformation from metres of the map to pixels."""
 
     x_m: float
     y_m: float
@@ -90,7 +90,7 @@ class _Frame:
 
 
 def shrunk(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """Blocks of factor x factor cells as one, the darkest: a wall of one cell stays."""
+    """Blocks of factor x factor cells as their darkest cell, so that a wall of one cell remains."""
     if factor == 1:
         return image
     rows, columns = (-(-n // factor) * factor for n in image.shape)
@@ -135,7 +135,7 @@ def _dot(draw: ImageDraw.ImageDraw, place: Place, radius: float, colour: Colour)
 
 
 def _with_strip(picture: Image.Image, pixels_per_m: float, overlay: Overlay, title: str) -> Image.Image:
-    """The picture with a strip below it: scale bar, what the colours mean, and the title where there is room."""
+    """The picture with a strip below it: scale bar, legend, and the title if there is room."""
     width = max(picture.width, FEWEST_PIXELS)
     whole = Image.new("RGB", (width, picture.height + STRIP_PIXELS), UNKNOWN_COLOUR)
     whole.paste(picture, ((width - picture.width) // 2, 0))
@@ -171,7 +171,7 @@ def _scale_bar(
     room: float,
     font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
 ) -> float:
-    """A bar of a round length that fits the room; gives where the next thing may stand."""
+    """A bar of a round length that fits; returns the position of the next item."""
     lengths = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 5)]
     length_m = max((m for m in lengths if m * pixels_per_m <= room), default=lengths[0])
     x, y = place

@@ -28,16 +28,16 @@ TIME = "time"
 MAP, TRAJECTORY, ROBOT = "world/map", "world/trajectory", "world/robot"
 SCAN, NODES, KEY_NODES, LOOPS, CHI2 = "world/scan", "world/nodes", "world/key_nodes", "world/loops", "loops/chi2"
 GROWING = (TRAJECTORY, NODES, KEY_NODES, LOOPS)
-"""What was there at any time before the one looked at is shown; of the rest the newest."""
+"""These entities are shown from any time before the current one; of the others, only the newest is shown."""
 
 TRAJECTORY_COLOUR, NODE_COLOUR, KEY_COLOUR, SCAN_COLOUR = (21, 101, 192), (28, 79, 138), (230, 119, 0), (11, 114, 133)
 LOOP_COLOUR, STRAINED_COLOUR = (124, 147, 173), (201, 42, 42)
 USUAL_CHI2 = 11.345
-"""99 % of true edges, three degrees of freedom, lie below."""
+"""99 % of true edges, three degrees of freedom, are below this."""
 
 ROBOT_M, TRAJECTORY_M, LIFT_M = 0.5, 0.02, 0.02
 EYE_HEIGHT, ROOM_M = 1.0, 8.0
-"""The eye's height, by the size of the drive with the rooms about it."""
+"""The height of the viewpoint, in units of the size of the drive with the rooms around it."""
 
 REPLAY_S = 60.0
 MISSING = "rerun is not installed; pip install 'mapmend[view]'"
@@ -45,14 +45,14 @@ MISSING = "rerun is not installed; pip install 'mapmend[view]'"
 
 @dataclass(frozen=True)
 class Recording:
-    """What rerun shows, and how it shows it at first."""
+    """The recording, and the initial layout of rerun's window."""
 
     stream: RecordingStream
     blueprint: Blueprint
 
 
 def check_installed() -> None:
-    """Raises MapmendError, saying what to install, where rerun is not there."""
+    """Raises MapmendError, which says what to install, if rerun is not installed."""
     try:
         import rerun  # noqa: F401
     except ImportError:
@@ -60,10 +60,10 @@ def check_installed() -> None:
 
 
 def record(trajectory: Trajectory, graph: PoseGraph, grid: OccupancyMap, key_nodes: list[int], name: str) -> Recording:
-    """All of a RUN as rerun takes it; ``key_nodes`` are ids. Raises MapmendError.
+    """A whole RUN as a rerun recording; ``key_nodes`` are ids. Raises MapmendError.
 
-    Times are seconds since the first scan. A node is there from the time of its scan on, a loop edge from that of its
-    later node; everything stands where it was found to be in the end.
+    Times are seconds since the first scan. A node appears at the time of its scan, a loop edge at that of its later
+    node; everything is shown at its final pose.
     """
     check_installed()
     import rerun as rr
@@ -85,7 +85,7 @@ def record(trajectory: Trajectory, graph: PoseGraph, grid: OccupancyMap, key_nod
 
 
 def rrd_bytes(recording: Recording) -> bytes:
-    """The content of an ``.rrd`` file, which rerun opens."""
+    """The content of an ``.rrd`` file, for rerun."""
     memory = recording.stream.memory_recording()
     recording.stream.send_blueprint(recording.blueprint)
     return memory.drain_as_bytes()
@@ -125,7 +125,7 @@ def _blueprint(trajectory: Trajectory) -> Blueprint:
 
 
 def _log_map(stream: RecordingStream, grid: OccupancyMap) -> None:
-    """The whole map, from the first moment on: the ground that the replay is watched on."""
+    """The whole map, from the first moment on, as the background of the replay."""
     import rerun as rr
     from rerun.datatypes import ChannelDatatype, ColorModel, ImageFormat
 
@@ -148,7 +148,7 @@ def _log_map(stream: RecordingStream, grid: OccupancyMap) -> None:
 
 
 def _send_robot(stream: RecordingStream, trajectory: Trajectory, first_s: float) -> None:
-    """The robot's pose at every scan, and the piece of way since the scan before."""
+    """The robot's pose at every scan, and the piece of its path since the scan before."""
     import rerun as rr
 
     times = [rr.TimeColumn(TIME, duration=trajectory.stamps_s - first_s)]
@@ -180,7 +180,7 @@ def _send_nodes(stream: RecordingStream, graph: PoseGraph, times: Float, is_key:
 
 
 def _send_scans(stream: RecordingStream, graph: PoseGraph, times: Float) -> None:
-    """Where each node's beams ended, in the map."""
+    """The ends of each node's beams, in the map."""
     import rerun as rr
 
     if graph.scans is None:
@@ -201,7 +201,7 @@ def _scan_in_map(scans: Scans, row: int, pose: Float) -> Float:
 
 
 def _send_loops(stream: RecordingStream, graph: PoseGraph, times: Float) -> None:
-    """Loop edges, those beyond the chi-square quantile in red, and what chi2 they have in the finished map."""
+    """Loop edges, those beyond the chi-square quantile in red, and their chi2 in the finished map."""
     import rerun as rr
 
     rows = np.flatnonzero(graph.is_loop)

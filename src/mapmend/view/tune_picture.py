@@ -20,7 +20,7 @@ Float = NDArray[np.float64]
 
 CURVE, BEST, OFF = "#1565c0", "#e03131", "#9c36b5"
 ZOOM = 0.1
-"""The second curve shows what lies this share above the least M."""
+"""The second curve shows values up to this share above the least M."""
 
 
 def tune_png(result: TuneResult, name: str) -> bytes:
@@ -52,9 +52,9 @@ def tune_png(result: TuneResult, name: str) -> bytes:
 
 
 def _draw_curve(axes: Axes, result: TuneResult, zoom: float | None) -> None:
-    """M over sqrt(phi), as in MC Figure 4; with ``zoom`` only where M is that share above the least.
+    """M over sqrt(phi), as in MC Figure 4; with ``zoom`` only values up to that share above the least.
 
-    The map shown is at the line; dotted, where M is least, if another map is shown.
+    The line marks the map shown; a dotted line marks the least M if this is another map.
     """
     roots = np.sqrt(result.curve_phi)
     axes.plot(roots, result.curve_m, ".-", color=CURVE, linewidth=1.0, markersize=4)
