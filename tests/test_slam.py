@@ -1,6 +1,7 @@
 """The whole method: results that hang together, and logs that it refuses."""
 
 from dataclasses import replace
+from types import NoneType
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from mapmend.config import Config
 from mapmend.errors import InputError, MapmendError
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.geometry.se2 import between
+from mapmend.igo.iterate import Iteration
 from mapmend.simulation import OdometryModel, corridor_loop, first_scans, simulate
 from mapmend.slam import METHODS, build_map
 
@@ -34,6 +36,7 @@ def test_a_result_hangs_together(results, simulation, method):
     assert result.counts["nodes"] == len(result.graph) == len(result.graph.scans)
     assert result.counts["odometry_edges"] == len(result.graph) - 1
     assert set(result.seconds) == {"match", "map"}
+    assert isinstance(result.mended, Iteration if method == "igo" else NoneType)
     # A node stands where the trajectory passes at its stamp.
     rows = np.searchsorted(simulation.log.stamps_s, result.graph.stamps_s)
     np.testing.assert_allclose(result.graph.poses[:, :2], result.trajectory.poses[rows, :2], atol=1e-6)

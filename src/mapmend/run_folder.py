@@ -1,4 +1,4 @@
-"""The RUN folder: trajectory, graph, map, picture and a page about them. It appears whole or not at all."""
+"""The RUN folder: trajectory, graph, map, picture, and run.json about them. It appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ def write_run(
             write_g2o(place / "graph.g2o", result.graph)
             write_map(place, result.occupancy)
             draw_run(result).save(place / "map.png", compress_level=2)
-        page = run_page(replace(result, seconds=spent), source)
-        write_whole(place / RUN_FILE, json.dumps(page, indent=2, allow_nan=False) + "\n")
-    return page
+        values = run_json(replace(result, seconds=spent), source)
+        write_whole(place / RUN_FILE, json.dumps(values, indent=2, allow_nan=False) + "\n")
+    return values
 
 
-def run_page(result: MapResult, source: str = "") -> dict[str, Any]:
+def run_json(result: MapResult, source: str = "") -> dict[str, Any]:
     """What run.json holds: enough to make the run again, and what came of it."""
     rows, columns = result.occupancy.image.shape
-    mended = {"mended": result.mended} if result.mended else {}
+    mended = {} if result.mended is None else {"mended": result.mended.to_json()}
     return {
         "mapmend": __version__,
         "method": result.method,

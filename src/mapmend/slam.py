@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from mapmend.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from mapmend.front_end.builder import FrontEnd
+    from mapmend.igo.iterate import Iteration
     from mapmend.tuning.dcs import TuneResult
 
 Float = NDArray[np.float64]
@@ -49,8 +50,8 @@ class MapResult:
 
     ``trajectory``: a pose for every scan, in the log's order. ``graph``: the nodes with their scans and stamps.
     ``key_nodes``: rows of the graph's nodes that open a key-node. ``chi2_initial`` is that of the odometry edges laid
-    end to end, ``chi2_final`` that of the graph's poses. ``counts``, ``mended`` (the rounds
-    of ``igo``) and ``seconds`` (by stage) are fit for JSON.
+    end to end, ``chi2_final`` that of the graph's poses. ``mended``: the rounds of ``igo``,
+    None for other methods. ``tuning``: where the configuration asks for it. ``seconds``: by stage.
     """
 
     method: str
@@ -64,7 +65,7 @@ class MapResult:
     chi2_final: float
     seconds: dict[str, float]
     alignment: Alignment | None = None
-    mended: dict[str, Any] | None = None
+    mended: Iteration | None = None
     tuning: TuneResult | None = None
 
 
@@ -81,7 +82,7 @@ class Built:
     key_nodes: Int
     searched: int = 0
     optimizations: int = 0
-    mended: dict[str, Any] | None = None
+    mended: Iteration | None = None
     scans_at: Callable[[Float], Float] | None = None
 
 
@@ -144,7 +145,7 @@ def iterative_graph_optimization(
     front_end = FrontEnd(log, config, progress)
     front_end.run()
     iteration = iterate(front_end, progress)
-    return replace(_built(front_end), mended=iteration.page())
+    return replace(_built(front_end), mended=iteration)
 
 
 def _to_the_nanometre(poses: Float) -> Float:

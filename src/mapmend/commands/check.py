@@ -90,22 +90,22 @@ def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
     }
 
 
-def lines(page: dict[str, Any], picture: Path) -> list[str]:
+def lines(values: dict[str, Any], picture: Path) -> list[str]:
     """The report for people."""
-    verdict = "consistent" if page["consistent"] else "INCONSISTENT"
+    verdict = "consistent" if values["consistent"] else "INCONSISTENT"
     text = [
-        f"the map is {verdict}: p = {page['p_value']:.3g}",
-        f"  scans: {page['scans_inconsistent']} of {page['scans_tested']} contradict the others",
-        f"  pairs: {page['pairs_failed']} of {page['pairs']} failed ({page['pairs_overlapping']} overlap)",
+        f"the map is {verdict}: p = {values['p_value']:.3g}",
+        f"  scans: {values['scans_inconsistent']} of {values['scans_tested']} contradict the others",
+        f"  pairs: {values['pairs_failed']} of {values['pairs']} failed ({values['pairs_overlapping']} overlap)",
     ]
-    regions = page["regions"][:MOST_REGIONS]
+    regions = values["regions"][:MOST_REGIONS]
     if regions:
         rows = [_region_row(number, region) for number, region in enumerate(regions, start=1)]
         text += ["", table(("region", "x [m]", "y [m]", "size [m]", "pairs", "scans", "which", "loop edges"), rows)]
-        rest = len(page["regions"]) - len(regions)
+        rest = len(values["regions"]) - len(regions)
         text += [f"and {rest} smaller one{'s' * (rest != 1)}"] if rest else []
-    if page["suspect_edges"] and not page["consistent"]:
-        suspects = [f"{edge['from']} -> {edge['to']}" for edge in page["suspect_edges"][:MOST_SUSPECTS]]
+    if values["suspect_edges"] and not values["consistent"]:
+        suspects = [f"{edge['from']} -> {edge['to']}" for edge in values["suspect_edges"][:MOST_SUSPECTS]]
         text += ["", f"most suspect loop edges: {', '.join(suspects)}"]
     return [*text, f"picture: {picture}"]
 

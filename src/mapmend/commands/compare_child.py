@@ -47,15 +47,15 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
     log = read_log(request["log"], request["lenient"], bag_options(Namespace(**request["bag"])))
     with watch_compiling(lambda: None) as compiling:
         result = build_map(log, request["method"], config, threads=request["threads"], progress=progress)
-        page = write_run(result, request["run"], source=request["name"])
+        run_json = write_run(result, request["run"], source=request["name"])
     values = {
         "method": request["method"],
         "seconds": round(time.perf_counter() - began - compiling.seconds, 3),
         "cpu_seconds": round(time.process_time() - began_cpu, 3),
         "compile_seconds": round(compiling.seconds, 3),
         "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * MB_PER_RSS_UNIT, 1),
-        "nodes": page["counts"]["nodes"],
-        "loop_edges": page["counts"]["loop_edges"],
+        "nodes": run_json["counts"]["nodes"],
+        "loop_edges": run_json["counts"]["loop_edges"],
         "notes": [str(note) for note in log.notes],
     }
     if request["relations"]:

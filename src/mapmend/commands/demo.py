@@ -52,13 +52,13 @@ def run(args: Namespace) -> int:
         for method in METHODS:
             with ProgressBar() as progress:
                 result = build_map(simulation.log, method, Config(seed=args.seed), threads=threads, progress=progress)
-            page = write_run(result, place / method, source="log.clf")
+            run_json = write_run(result, place / method, source="log.clf")
             errors = errors_of(result, simulation)
-            rows.append(_row(method, errors, page))
+            rows.append(_row(method, errors, run_json))
             panels.append(_panel(method, errors, result))
         draw_comparison(simulation.world.walls, simulation.truth, panels, place / PICTURE)
         values = {"mapmend": __version__, "world": simulation.world.name, "seed": args.seed, "methods": rows}
-        _write_page(values, place)
+        _write_run_file(values, place)
     if args.json:
         print_json({**values, "compile_seconds": round(compiling.seconds, 3), "output": args.output})
     else:
@@ -82,13 +82,13 @@ def errors_of(result: MapResult, simulation: Simulation) -> TrajectoryErrors:
     return trajectory_errors(estimate.stamps_s, estimate.poses, simulation.log.stamps_s, simulation.truth)
 
 
-def _row(method: str, errors: TrajectoryErrors, page: dict[str, Any]) -> dict[str, Any]:
+def _row(method: str, errors: TrajectoryErrors, run_json: dict[str, Any]) -> dict[str, Any]:
     return {
         "method": method,
         "absolute_rmse_m": errors.translation_rmse_m,
         "rotation_mean_deg": errors.rotation_mean_deg,
-        "loop_edges": page["counts"]["loop_edges"],
-        "seconds": round(sum(page["seconds"].values()), 3),
+        "loop_edges": run_json["counts"]["loop_edges"],
+        "seconds": round(sum(run_json["seconds"].values()), 3),
     }
 
 
@@ -99,7 +99,7 @@ def _panel(method: str, errors: TrajectoryErrors, result: MapResult) -> MapPanel
     return MapPanel(title, result.occupancy, result.trajectory.poses, errors.T_reference_estimate)
 
 
-def _write_page(values: dict[str, Any], place: Path) -> None:
+def _write_run_file(values: dict[str, Any], place: Path) -> None:
     """What tells the folder as ours, without the seconds, which no two runs share."""
     methods = [{name: value for name, value in row.items() if name != "seconds"} for row in values["methods"]]
     write_whole(place / RUN_FILE, json.dumps({**values, "methods": methods}, indent=2) + "\n")

@@ -66,34 +66,34 @@ def run(args: Namespace) -> int:
     seconds["compile"] = compiling.seconds
     if result.alignment is not None and not result.alignment.found:
         say("note: the walls have no main direction; the map keeps the robot's first heading")
-    page = write_run(result, args.output, source=args.log, seconds=seconds)
+    values = write_run(result, args.output, source=args.log, seconds=seconds)
     if args.json:
-        print_json({**page, "run": args.output})
+        print_json({**values, "run": args.output})
     else:
-        print("\n".join(summary(page, args.output)))
+        print("\n".join(summary(values, args.output)))
     return 0
 
 
-def summary(page: dict[str, Any], folder: str) -> list[str]:
-    """What came of it, for people; ``page`` is run.json's."""
-    counts, seconds, extent = page["counts"], page["seconds"], page["extent_m"]
+def summary(values: dict[str, Any], folder: str) -> list[str]:
+    """What came of it, for people; ``values`` is run.json's."""
+    counts, seconds, extent = values["counts"], values["seconds"], values["extent_m"]
     lines = [
-        f"{page['log']}: {counts['scans']} scans, {page['path_m']:.1f} m of path "
-        f"over {extent[0]:.1f} m x {extent[1]:.1f} m, method {page['method']}",
+        f"{values['log']}: {counts['scans']} scans, {values['path_m']:.1f} m of path "
+        f"over {extent[0]:.1f} m x {extent[1]:.1f} m, method {values['method']}",
         f"  graph: {counts['nodes']} nodes, {counts['key_nodes']} key-nodes, {counts['loop_edges']} loop edges",
     ]
     if counts["loop_edges"]:
         lines.append(
-            f"  chi2: {page['chi2_initial']:.1f} by odometry edges alone, {page['chi2_final']:.1f} optimized "
+            f"  chi2: {values['chi2_initial']:.1f} by odometry edges alone, {values['chi2_final']:.1f} optimized "
             f"({counts['optimizations']} times)"
         )
-    for turn, done in enumerate(page.get("mended", {}).get("rounds", []), 1):
+    for turn, done in enumerate(values.get("mended", {}).get("rounds", []), 1):
         lines.append(
             f"  round {turn}: {done['matched']} edges matched again, {done['changed']} changed, {done['accepted']} "
             f"accepted, {done['dropped']} of them loops that went"
         )
-    if page["tuning"]:
-        tuning = page["tuning"]
+    if values["tuning"]:
+        tuning = values["tuning"]
         verdict = "consistent" if tuning["consistent"] else "with no phi consistent"
         lines.append(
             f"  tuned: phi = {tuning['phi']:.4g}, {tuning['switched_off']} loops switched off, the map is {verdict} "

@@ -162,47 +162,47 @@ def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict
     }
 
 
-def lines(page: dict[str, Any]) -> list[str]:
+def lines(values: dict[str, Any]) -> list[str]:
     """The report for people."""
     from mapmend.tuning.dcs import PUBLISHED_PHI
 
-    seconds = {name: value for name, value in page["seconds"].items() if name != "compile"}
-    compiled = f"; {page['seconds']['compile']:.1f} of them compiling" if page["seconds"]["compile"] else ""
+    seconds = {name: value for name, value in values["seconds"].items() if name != "compile"}
+    compiled = f"; {values['seconds']['compile']:.1f} of them compiling" if values["seconds"]["compile"] else ""
     spent = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items())
-    published = page["measure_published"]
+    published = values["measure_published"]
     beside = "" if published is None else f"; with phi = {PUBLISHED_PHI:g} it is {published:.4g} m"
     text = [
-        f"{page['graph']}: {page['nodes']} nodes, {page['loops']} loop edges, kernel {page['kernel']}",
-        f"  phi = {page['phi']:.4g}: scans contradict each other by {page['measure']:.4g} m a pair{beside}",
-        f"  looked at {len(page['curve'])} values of phi, at one pair of scans in {round(1.0 / page['sampled'])}",
-        *_off_lines(page),
+        f"{values['graph']}: {values['nodes']} nodes, {values['loops']} loop edges, kernel {values['kernel']}",
+        f"  phi = {values['phi']:.4g}: scans contradict each other by {values['measure']:.4g} m a pair{beside}",
+        f"  looked at {len(values['curve'])} values of phi, at one pair of scans in {round(1.0 / values['sampled'])}",
+        *_off_lines(values),
         f"  seconds: {sum(seconds.values()):.1f} ({spent}{compiled})",
     ]
-    text += [f"  graph: {page['output']}", f"  picture: {page['picture']}"] if page["output"] else []
-    counts = f"{page['scans_inconsistent']} of {page['scans_tested']} scans contradict the others"
-    if page["consistent"]:
-        return [*text, f"the map is consistent: p = {page['p_value']:.3g}, {counts}"]
-    others = [checked["p_value"] for checked in page["verdicts"][1:]]
+    text += [f"  graph: {values['output']}", f"  picture: {values['picture']}"] if values["output"] else []
+    counts = f"{values['scans_inconsistent']} of {values['scans_tested']} scans contradict the others"
+    if values["consistent"]:
+        return [*text, f"the map is consistent: p = {values['p_value']:.3g}, {counts}"]
+    others = [checked["p_value"] for checked in values["verdicts"][1:]]
     minima = "the other minimum" if len(others) == 1 else f"{len(others)} other minima"
     beside = f"; the maps at {minima} of M fail too, p at most {max(others):.3g}" if others else ""
-    return [*text, f"no phi gives a consistent map: at the best one p = {page['p_value']:.3g}, {counts}{beside}"]
+    return [*text, f"no phi gives a consistent map: at the best one p = {values['p_value']:.3g}, {counts}{beside}"]
 
 
-def _off_lines(page: dict[str, Any]) -> list[str]:
+def _off_lines(values: dict[str, Any]) -> list[str]:
     """The loops that were switched off, those farthest off first; and how many contradict the map at all."""
     from mapmend.graph.robust import TRUE_EDGE_CHI2
 
-    rows = page["switched_off"]
+    rows = values["switched_off"]
     if not rows:
         return ["  switched off no loop"]
     text = [
-        f"  switched off {len(rows)} of {page['loops']} loops: {page['contradicting']} contradict the map (chi2 above "
-        f"{TRUE_EDGE_CHI2:.1f})"
+        f"  switched off {len(rows)} of {values['loops']} loops: {values['contradicting']} contradict the map "
+        f"(chi2 above {TRUE_EDGE_CHI2:.1f})"
     ]
-    if len(rows) > page["contradicting"]:
+    if len(rows) > values["contradicting"]:
         text.append(
-            f"    the other {len(rows) - page['contradicting']} agree with it within their covariances: so small a phi "
-            "keeps only loops that fit closer"
+            f"    the other {len(rows) - values['contradicting']} agree with it within their covariances: so small a "
+            "phi keeps only loops that fit closer"
         )
     worst = sorted(rows, key=lambda row: -row["chi2"])[:MOST_ROWS]
     cells = [(f"{r['from']} -> {r['to']}", str(r["edge"]), f"{r['chi2']:.1f}", f"{r['weight']:.2g}") for r in worst]

@@ -22,7 +22,7 @@ def run(args: Namespace) -> int:
     """Replays ``args.run``; what is missing, a screen included, is told before anything is read."""
     from mapmend.io.nav2 import read_map
     from mapmend.io.reader import read_run
-    from mapmend.report.run_data import read_page
+    from mapmend.report.run_data import read_run_json
     from mapmend.view.rerun_recording import check_installed, record, rrd_bytes, show
 
     check_installed()
@@ -33,9 +33,9 @@ def run(args: Namespace) -> int:
     trajectory, graph = read_run(args.run)
     if graph is None:
         raise InputError(args.run, "the RUN holds no graph.g2o", "map the log again")
-    page = read_page(args.run)
+    run_json = read_run_json(args.run)
     grid = read_map(Path(args.run) / "map.yaml")
-    recording = record(trajectory, graph, grid, page.get("key_nodes") or [], Path(args.run).resolve().name)
+    recording = record(trajectory, graph, grid, run_json.get("key_nodes") or [], Path(args.run).resolve().name)
     told = {"scans": len(trajectory), "nodes": len(graph)}
     if not args.save:
         show(recording)

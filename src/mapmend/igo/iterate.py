@@ -23,9 +23,9 @@ class Iteration:
     rounds: list[Round]
     chi2: list[float]
 
-    def page(self) -> dict[str, Any]:
-        """The same, fit for JSON."""
-        return {"chi2": self.chi2, "rounds": [one.page() for one in self.rounds]}
+    def to_json(self) -> dict[str, Any]:
+        """The same as JSON has it."""
+        return {"chi2": self.chi2, "rounds": [one.to_json() for one in self.rounds]}
 
 
 def iterate(front_end: FrontEnd, progress: Progress = no_progress) -> Iteration:

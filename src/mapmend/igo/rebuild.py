@@ -25,8 +25,8 @@ class BiasedEdge:
     before: Float
     after: Float | None
 
-    def page(self) -> dict[str, Any]:
-        """The same, fit for JSON."""
+    def to_json(self) -> dict[str, Any]:
+        """The same as JSON has it."""
         after = None if self.after is None else self.after.tolist()
         return {
             "nodes": [self.first, self.last],
@@ -46,10 +46,10 @@ class Round:
     dropped: int
     biased: list[BiasedEdge]
 
-    def page(self) -> dict[str, Any]:
-        """The same, fit for JSON."""
+    def to_json(self) -> dict[str, Any]:
+        """The same as JSON has it."""
         counts = {"matched": self.matched, "changed": self.changed, "accepted": self.accepted, "dropped": self.dropped}
-        return {**counts, "biased": [edge.page() for edge in self.biased]}
+        return {**counts, "biased": [edge.to_json() for edge in self.biased]}
 
 
 class Rebuilder:

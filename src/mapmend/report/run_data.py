@@ -44,13 +44,13 @@ ODOMETRY, STRETCH, LOOP = 0, 1, 2
 
 @dataclass(frozen=True)
 class Run:
-    """A RUN folder, read; ``page`` is its run.json. If ``result`` is None, ``unchecked`` says why.
+    """A RUN folder, read; ``run_json`` is its run.json. If ``result`` is None, ``unchecked`` says why.
 
     ``tune``: the output of ``mapmend tune RUN --json``, if it is in the RUN as tune.json.
     """
 
     name: str
-    page: dict[str, Any]
+    run_json: dict[str, Any]
     trajectory: Trajectory
     graph: PoseGraph
     grid: OccupancyMap
@@ -64,18 +64,18 @@ def read_checked(folder: str | Path, config: Config, *, threads: int = 1, progre
     trajectory, graph = read_run(folder)
     if graph is None:
         raise InputError(folder, "the RUN holds no graph.g2o", "map the log again")
-    page = read_page(folder)
+    run_json = read_run_json(folder)
     grid = read_map(Path(folder) / "map.yaml")
     name = Path(folder).resolve().name
     tune = _read_object(Path(folder) / TUNE_FILE) if (Path(folder) / TUNE_FILE).is_file() else None
     try:
         result = check(graph, config.consistency, threads=threads, progress=progress)
     except MapmendError as error:
-        return Run(name, page, trajectory, graph, grid, None, str(error), tune)
-    return Run(name, page, trajectory, graph, grid, result, tune=tune)
+        return Run(name, run_json, trajectory, graph, grid, None, str(error), tune)
+    return Run(name, run_json, trajectory, graph, grid, result, tune=tune)
 
 
-def read_page(folder: str | Path) -> dict[str, Any]:
+def read_run_json(folder: str | Path) -> dict[str, Any]:
     """A RUN's run.json; raises InputError."""
     path = Path(folder) / RUN_FILE
     if not path.is_file():
@@ -85,30 +85,31 @@ def read_page(folder: str | Path) -> dict[str, Any]:
 
 def _read_object(path: Path) -> dict[str, Any]:
     try:
-        page = json.loads(path.read_bytes())
+        values = json.loads(path.read_bytes())
     except (ValueError, OSError) as error:
         raise InputError(path, f"can't be read ({error})", "write it again") from None
-    if not isinstance(page, dict):
+    if not isinstance(values, dict):
         raise InputError(path, "holds no JSON object", "write it again")
-    return page
+    return values
 
 
 def run_values(run: Run) -> dict[str, Any]:
     """All data of a RUN that the page needs, ready for JSON."""
     graph = run.graph
     first_s = float(run.trajectory.stamps_s[0]) if len(run.trajectory) else 0.0
+    facts = ("mapmend", "method", "seed", "log", "chi2_initial", "chi2_final")
     return {
         "name": run.name,
-        "page": {key: run.page.get(key) for key in ("mapmend", "method", "seed", "log", "chi2_initial", "chi2_final")},
-        "counts": run.page.get("counts", {}),
-        "seconds": run.page.get("seconds", {}),
-        "path_m": run.page.get("path_m"),
-        "turned_rad": _turned_rad(run.page),
-        "mended": run.page.get("mended"),
+        "page": {key: run.run_json.get(key) for key in facts},
+        "counts": run.run_json.get("counts", {}),
+        "seconds": run.run_json.get("seconds", {}),
+        "path_m": run.run_json.get("path_m"),
+        "turned_rad": _turned_rad(run.run_json),
+        "mended": run.run_json.get("mended"),
         "tune": run.tune,
         "first_stamp_s": first_s,
         "last_s": float(np.max(run.trajectory.stamps_s, initial=first_s)) - first_s,
-        "settings": _settings(run.page.get("configuration")),
+        "settings": _settings(run.run_json.get("configuration")),
         "map": packed_map(run.grid),
         "bounds_m": _bounds(run),
         "verdict": _verdict(run),
@@ -122,9 +123,9 @@ def run_values(run: Run) -> dict[str, Any]:
     }
 
 
-def _turned_rad(page: dict[str, Any]) -> float:
+def _turned_rad(run_json: dict[str, Any]) -> float:
     """The turn of the map by ``--align``."""
-    alignment = page.get("alignment")
+    alignment = run_json.get("alignment")
     return float(alignment["T_map_start"][2]) if isinstance(alignment, dict) else 0.0
 
 
@@ -188,7 +189,7 @@ def _trajectory(trajectory: Trajectory, first_s: float) -> dict[str, Any]:
 def _nodes(run: Run, first_s: float) -> dict[str, Any]:
     graph, n = run.graph, len(run.graph)
     stamps = np.full(n, np.nan) if graph.stamps_s is None else graph.stamps_s
-    key_nodes = run.page.get("key_nodes")
+    key_nodes = run.run_json.get("key_nodes")
     std_m, std_rad = _stds(graph)
     values = {
         "count": n,
