@@ -1,23 +1,23 @@
-"""Kernels of the pairwise measure, MC (1) and (2). Their plain twins stand in tests/reference.
+"""Kernels of the pairwise measure, MC (1) and (2). Their plain twins are in tests/reference.
 
-Scans lie end to end; all are in their laser's frame unless they say map.
+Scans are stored one after the other. All arrays are in the laser's frame unless they say map.
 
-``polygons`` = (corners, offsets, limits, group_limits, near2). A scan's visibility polygon is a column a vertex, by
-bearing: x, y, the side to the next vertex, and one over its squared length, (5, total); (0, 0) where it comes back to
-the laser. Behind the last vertex the first WINDOW follow again. ``offsets``: (n + 1,), where each scan begins.
-``limits``: float32, (n, SECTORS): nothing farther out, squared, in a sector of the pseudo-angle is in the polygon.
-``group_limits``: float32, (n, WIDE_SECTORS): nor does any group of points with its middle farther out touch it.
-``near2``: float32 does not tell the sectors of points that are nearer to the laser, squared.
+``polygons`` = (corners, offsets, limits, group_limits, near2). A scan's visibility polygon has one column for each
+vertex, by bearing: x, y, the side to the next vertex, and one over its squared length, (5, total); (0, 0) where it
+returns to the laser. After the last vertex the first WINDOW ones are repeated. ``offsets``: (n + 1,), where each scan
+begins. ``limits``: float32, (n, SECTORS), squared distances: in a sector of the pseudo-angle, no point farther out is
+in the polygon. ``group_limits``: float32, (n, WIDE_SECTORS): no group of points whose middle is farther out touches it.
+``near2``: a squared distance; for points nearer to the laser, float32 is too coarse to find the sector.
 
 ``points`` = (xy, offsets, groups, group_rows, group_offsets, coarse): the end points, (returns, 2), and where each
-scan's begin; groups of neighbouring ones: float32, their middles, (2, g), their first points, (g + 1,), and where each
-scan's begin; and the points once more as float32, (2, returns). ``lasers``: (n, 4) x, y, cosine and sine of the
+scan's begin; groups of neighbouring points: float32, their middles, (2, g), their first points, (g + 1,), and where
+each scan's begin; and the points again as float32, (2, returns). ``lasers``: (n, 4) x, y, cosine and sine of the
 heading in the map.
 
 ``beams`` = (rays, wedges, most_passed, counts, laser): by laser the directions of its vertices as unit vectors,
 (lasers, most, 2), all around and less than half a turn apart; the wedges, from each vertex to the next, in which each
-sector begins and ends, (lasers, SECTORS, 2); how many rays lie in one sector at most; and the number of vertices; by
-scan its laser.
+sector begins and ends, (lasers, SECTORS, 2); the greatest number of rays in one sector; and the number of vertices;
+for each scan its laser.
 """
 
 from __future__ import annotations
@@ -29,19 +29,21 @@ import numpy as np
 from mapmend.kernel_cache import kernel
 
 SECTORS = 1024
-"""Of the pseudo-angle over a full turn: half of all points are told to be outside by them, and the rest their wedge."""
+"""Of the pseudo-angle over a full turn: they show for half of all points that these are outside, and for the others the
+wedge."""
 
 WIDE_SECTORS = 64
 """The same for groups of points."""
 
 GROUP, GROUP_RADIUS_M = 16, 0.4
-"""Neighbouring end points looked at together: so many at most, in a circle of this radius."""
+"""Neighbouring end points are tested together: at most this many, in a circle of this radius."""
 
 WINDOW = 2
-"""So many of its first vertices follow behind a polygon's last one: three neighbouring sides are never cut."""
+"""How many of a polygon's first vertices are repeated after its last one, so that three neighbouring sides are always
+contiguous."""
 
 BLOCK = 64
-"""Pairs that are compared at a time."""
+"""How many pairs are compared together."""
 
 ZERO, TWO, FOUR, TINY = np.float32(0.0), np.float32(2.0), np.float32(4.0), np.float32(1e-30)
 
@@ -53,7 +55,7 @@ def sector_of(x, y, sectors):
         return sectors // 2
     q = y / (abs(x) + abs(y))
     unrolled = math.copysign(2.0, y) - q if x < 0.0 else q
-    # Rounding may carry half a turn onto the end of the last sector.
+    # By rounding, half a turn may give the end of the last sector.
     return min(int((unrolled + 2.0) * (sectors / 4.0)), sectors - 1)
 
 
@@ -61,7 +63,7 @@ def sector_of(x, y, sectors):
 def sectors_of(frame, xy, begin, end, count, sectors, squares):
     """The sectors and squared distances from the laser of the points ``xy`` from ``begin`` to before ``end``.
 
-    ``frame`` = (x, y, cosine, sine) of their laser. Float32, and no branches: compilers make many of them at once.
+    ``frame`` = (x, y, cosine, sine) of their laser. Float32 without branches, so that compilers vectorize the loop.
     """
     tx, ty, c, s = frame
     xs, ys = xy[0, begin:end], xy[1, begin:end]
@@ -78,16 +80,16 @@ def sectors_of(frame, xy, begin, end, count, sectors, squares):
 
 @kernel
 def room_for(points):
-    """What BLOCK pairs are compared in, worst case.
+    """The scratch memory for BLOCK pairs, for the worst case.
 
-    Views: who looks (2 BLOCK, 2), from where (2 BLOCK, 4), and where each one's points begin (2 BLOCK + 1,). Points:
-    their rows, sectors or wedges, places (2, most), and depths. Of one scan: sectors, squares, flags.
+    Views: the scans (2 BLOCK, 2), their poses (2 BLOCK, 4), and where the points of each begin (2 BLOCK + 1,). Points:
+    their rows, sectors or wedges, positions (2, most), and depths. Of one scan: sectors, squares, flags.
     """
     end_starts, group_starts = points[1], points[4]
     most = 0
     for row in range(end_starts.shape[0] - 1):
         most = max(most, end_starts[row + 1] - end_starts[row], group_starts[row + 1] - group_starts[row])
-    # Gathering without a branch writes one place beyond the last.
+    # Collecting without a branch writes one element beyond the last.
     of_all, of_one = 2 * BLOCK * most + 1, most + 1
     views = np.empty((2 * BLOCK, 2), np.int64), np.empty((2 * BLOCK, 4)), np.zeros(2 * BLOCK + 1, np.int64)
     found = np.empty(of_all, np.int64), np.empty(of_all, np.int64), np.empty((2, of_all)), np.empty(of_all)
@@ -96,7 +98,7 @@ def room_for(points):
 
 @kernel
 def look(pairs, stands, lasers, block, room):
-    """Has both scans of each pair in ``block``, rows of ``pairs`` (k, 2), look at the other; gives their number."""
+    """Prepares both views of each pair in ``block``, rows of ``pairs`` (k, 2); returns their number."""
     who, frames = room[0], room[1]
     for n in range(block.shape[0]):
         row = block[n]
@@ -106,7 +108,7 @@ def look(pairs, stands, lasers, block, room):
             ci, si, cj, sj = lasers[here, 2], lasers[here, 3], lasers[there, 2], lasers[there, 3]
             view = 2 * n + side
             who[view, 0], who[view, 1] = pairs[row, side], pairs[row, 1 - side]
-            # The second's laser as the first one sees it.
+            # The second laser in the frame of the first.
             frames[view, 0], frames[view, 1] = ci * dx + si * dy, -si * dx + ci * dy
             frames[view, 2], frames[view, 3] = ci * cj + si * sj, ci * sj - si * cj
     return 2 * block.shape[0]
@@ -114,9 +116,9 @@ def look(pairs, stands, lasers, block, room):
 
 @kernel
 def find_near(views, polygons, points, room):
-    """The end points that the limits don't tell to be outside: their rows and sectors, view by view.
+    """The end points that may be inside by the limits: their rows and sectors, view by view.
 
-    Which ones those are can't be foreseen: they are gathered without a branch.
+    The processor cannot predict which points these are, so they are collected without a branch.
     """
     limits, group_limits = polygons[2], polygons[3]
     _, _, groups, group_rows, group_offsets, coarse = points
@@ -153,7 +155,7 @@ def find_near(views, polygons, points, room):
 
 @kernel(error_model="numpy")
 def keep_inside(views, polygons, points, beams, room):
-    """Of these the points that lie inside, with their places in the viewer's frame and their wedges."""
+    """Of these, the points inside, with their positions in the frame of the view and their wedges."""
     corners, starts, near2 = polygons[0], polygons[1], polygons[4]
     ends = points[0]
     rays, wedges, most_passed, counts, laser = beams
@@ -172,7 +174,7 @@ def keep_inside(views, polygons, points, beams, room):
                 sector = sector_of(x, y, SECTORS)
             k = int(wedges[mine, sector, 0])
             for _ in range(passes):
-                # The next ray is passed where the point lies beyond it, within a quarter turn.
+                # The point is in a later wedge if it is beyond the next ray, within a quarter turn.
                 after = k + 1 if k + 1 < count else 0
                 ray_x, ray_y = rays[mine, after, 0], rays[mine, after, 1]
                 k += int(ray_x * y - ray_y * x >= 0.0) & int(ray_x * x + ray_y * y > 0.0)
@@ -186,7 +188,7 @@ def keep_inside(views, polygons, points, beams, room):
 
 @kernel(inline="always")
 def squared_distance(x, y, x0, y0, ex, ey, inverse):
-    """From a point to the side that leads from (x0, y0) on by (ex, ey)."""
+    """The squared distance from a point to the side from (x0, y0) by (ex, ey)."""
     dx, dy = x - x0, y - y0
     share = min(max((dx * ex + dy * ey) * inverse, 0.0), 1.0)
     dx -= share * ex
@@ -196,7 +198,7 @@ def squared_distance(x, y, x0, y0, ex, ey, inverse):
 
 @kernel(inline="always")
 def may_be_nearer(x, y, ray_x, ray_y, nearest):
-    """Whether what lies beyond a ray may be nearer to a point, squared, than ``nearest``.
+    """Whether a side beyond a ray may be nearer to a point than ``nearest``, a squared distance.
 
     At an angle a to the point's bearing, nothing beyond it is nearer than r sin(a), or r beyond a quarter turn.
     """
@@ -206,9 +208,10 @@ def may_be_nearer(x, y, ray_x, ray_y, nearest):
 
 @kernel(error_model="numpy")
 def find_depths(views, polygons, beams, room):
-    """How deep these points lie inside, metres; those at no depth are left out.
+    """The depths of these points inside the polygon, metres; points of depth zero are left out.
 
-    From a point's own wedge and its two neighbours, most often enough, the search goes outward to both sides.
+    The search begins with the wedge of the point and its two neighbours, which is mostly enough, and goes on to both
+    sides.
     """
     corners, starts = polygons[0], polygons[1]
     rays, _, _, counts, laser = beams
@@ -257,7 +260,7 @@ def compare(pairs, stands, polygons, points, lasers, beams, block, room):
 
 @kernel
 def sum_without_largest(values, count, dropped):
-    """The sum of the first ``count`` values but the ``dropped`` largest; reorders them (quickselect)."""
+    """The sum of the first ``count`` values without the ``dropped`` largest; reorders them (quickselect)."""
     keep = count - dropped
     if keep <= 0:
         return 0.0
@@ -288,7 +291,7 @@ def sum_without_largest(values, count, dropped):
 
 @kernel
 def by_second(pairs, n):
-    """The rows of pairs (k, 2) of n scans by their second scan, in order otherwise (counting sort)."""
+    """The rows of pairs (k, 2) of n scans, sorted by their second scan (a stable counting sort)."""
     begins = np.zeros(n + 1, np.int64)
     for row in range(pairs.shape[0]):
         begins[pairs[row, 1] + 1] += 1
@@ -305,12 +308,12 @@ def by_second(pairs, n):
 def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured):
     """MC (2) for pairs of scans (k, 2): ``measured`` (k, 4) takes n_ij, M_ij, and both without the largest depths.
 
-    ``stands``: (k, 2), the rows of ``lasers`` where the scans of each pair stand. ``drop`` = (how many of a pair's
-    largest depths are left out at least, which share of them at least).
+    ``stands``: (k, 2), the rows of ``lasers`` with the poses of each pair's scans. ``drop`` = (the least number of a
+    pair's largest depths that are left out, the least share of them).
     """
     room = room_for(points)
     begins, depths = room[2], room[6]
-    # By the second scan, so that it and the few first ones of these pairs stay in the cache.
+    # Sorted by the second scan, so that it and the few first scans of these pairs stay in the cache.
     order = by_second(pairs, points[1].shape[0] - 1)
     for start in range(0, order.shape[0], BLOCK):
         block = order[start : start + BLOCK]
@@ -330,7 +333,8 @@ def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured
 
 @kernel
 def mark_points(pairs, least_depths, polygons, points, lasers, beams, marks):
-    """Counts in ``marks``, (returns,), for each end point the pairs in which it lies at least so deep, (k,), metres."""
+    """Counts in ``marks``, (returns,), for each end point the pairs in which its depth is at least this, (k,),
+    metres."""
     room = room_for(points)
     begins, rows, depths = room[2], room[3], room[6]
     for start in range(0, pairs.shape[0], BLOCK):

@@ -9,11 +9,12 @@ from mapmend.kernel_cache import kernel
 
 @kernel
 def overlapping(i, boxes, cells, order, starts, width, found):
-    """The number of scans after i whose boxes overlap its box; ``found`` takes them, rising, where it is not empty.
+    """The number of scans after i whose boxes overlap its box; they are written into ``found``, sorted, if it is not
+    empty.
 
-    ``boxes``: (n, 4) low x, low y, high x, high y. Scans are filed by the cell of their box's low corner: ``order``
-    lists them by cell (row after row of ``width`` cells), ``starts`` where each cell's begin. No box is wider than a
-    cell, so that a box that overlaps begins in one of the nine cells around.
+    ``boxes``: (n, 4) low x, low y, high x, high y. Scans are sorted by the cell of their box's low corner: ``order``
+    lists them by cell (row after row of ``width`` cells), ``starts`` gives the first of each cell. No box is wider than
+    a cell, so that an overlapping box begins in one of the nine cells around.
     """
     count = 0
     height = (starts.shape[0] - 1) // width

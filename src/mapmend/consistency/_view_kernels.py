@@ -1,4 +1,4 @@
-"""Kernels that prepare scans for being compared: how far polygons reach by sector, and groups of end points."""
+"""Kernels that prepare scans for comparison: the reach of polygons by sector, and groups of end points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mapmend.kernel_cache import kernel
 
 @kernel(inline="always")
 def squared_reach(ray_x, ray_y, x, y, ex, ey):
-    """How far, squared, a ray is inside the triangle of the laser and the side (ex, ey) from (x, y) on."""
+    """The squared length of a ray within the triangle of the laser and the side (ex, ey) that begins at (x, y)."""
     ends = max(x * x + y * y, (x + ex) ** 2 + (y + ey) ** 2)
     area, across = x * ey - y * ex, ray_x * ey - ray_y * ex
     if area <= 0.0:
@@ -23,8 +23,8 @@ def squared_reach(ray_x, ray_y, x, y, ex, ey):
 def sector_reach(corners, offsets, counts, laser, edges, wedges, reach2):
     """The largest squared radius of each scan's polygon in each sector of the pseudo-angle: ``reach2`` (n, sectors).
 
-    ``edges``: (sectors, 4), unit vectors along the two edges of each sector, a hair outside; ``wedges``: (lasers,
-    sectors, 2), the wedges that these lie in. Between them a polygon is farthest at a vertex.
+    ``edges``: (sectors, 4), unit vectors along the two edges of each sector, slightly outside; ``wedges``: (lasers,
+    sectors, 2), the wedges of these edges. Between the edges, the farthest point of a polygon is a vertex.
     """
     for i in range(offsets.shape[0] - 1):
         if offsets[i + 1] == offsets[i]:
@@ -49,11 +49,12 @@ def sector_reach(corners, offsets, counts, laser, edges, wedges, reach2):
 
 @kernel
 def group_reach(reach2, gap_sines, radius, reach2_of_groups):
-    """The squared distance from which on a circle's middle in a sector is too far for it to touch the polygon.
+    """For each sector, the squared distance beyond which a circle with its middle there cannot touch the polygon.
 
     ``reach2``: (n, sectors) as above; ``gap_sines``: (wide sectors, wide sectors), the sine of the angle between two
-    of the wider ones, 0 for neighbours, 1 from a quarter turn on. ``reach2_of_groups``: (n, wide sectors). What lies
-    within ``radius`` of a ray, at an angle a to it, is no farther out than the ray's end and that, nor radius / sin a.
+    of the wider ones, 0 for neighbours, 1 from a quarter turn on. ``reach2_of_groups``: (n, wide sectors). A point
+    within ``radius`` of a ray, at an angle a to it, is no farther out than the ray's end plus the radius, nor than
+    radius / sin a.
     """
     wide = reach2_of_groups.shape[1]
     each = reach2.shape[1] // wide
@@ -77,7 +78,8 @@ def group_reach(reach2, gap_sines, radius, reach2_of_groups):
 def group_points(xy, offsets, most, radius, middles, first_rows):
     """Cuts each scan's end points, (returns, 2), into groups of neighbours, ``most`` at most, within ``radius``.
 
-    ``middles``: (2, returns) and ``first_rows``: (returns,) take the groups; gives how many each scan has, (n,).
+    Writes the groups into ``middles``: (2, returns) and ``first_rows``: (returns,); returns the number for each scan,
+    (n,).
     """
     counts = np.zeros(offsets.shape[0] - 1, np.int64)
     total = 0

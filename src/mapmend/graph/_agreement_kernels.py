@@ -1,4 +1,4 @@
-"""Kernel of the agreement of loops: which of them another one nearby confirms along the chain of the nodes."""
+"""Kernel of the agreement of loops: which loops another loop nearby confirms, along the chain of the nodes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def relative(a: Float, b: Float) -> tuple[float, float, float]:
 
 @kernel
 def squared_length(error: Float, s: Float) -> float:
-    """``error^T s^-1 error``, s symmetric and positive definite; infinite where rounding left it otherwise."""
+    """``error^T s^-1 error``, s symmetric and positive definite; infinite where rounding made it indefinite."""
     p0 = s[0, 0]
     l1, l2 = s[1, 0] / p0, s[2, 0] / p0
     p1 = s[1, 1] - l1 * s[1, 0]
@@ -59,11 +59,13 @@ def confirmed(
     """Which loops agree with another one whose ends are at most ``reach`` nodes from theirs, shape (k,).
 
     ``chain``: the poses along the chain, shape (n, 3); ``spread``: the covariance of its steps in the frame of the map,
-    summed up to each node, shape (n, 3, 3). ``ends``: shape (k, 2), rising by the first, which is the earlier node;
-    ``measured``, ``covariances``: the second's pose seen from the first, and how sure it is, in its own frame.
+    summed up to each node, shape (n, 3, 3). ``ends``: shape (k, 2), sorted by the first, which is the earlier node;
+    ``measured``, ``covariances``: the pose of the second in the frame of the first, and its covariance in its own
+    frame.
 
-    Loop p from i to j foretells loop q from k to m by way of the chain: ``T_k_i T_i_j T_j_m``. What q says instead is
-    weighed by the covariances of both and of the two pieces of the chain, all carried into the frame of m.
+    Loop p from i to j predicts loop q from k to m along the chain: ``T_k_i T_i_j T_j_m``. The difference to what q
+    measures is weighed by the covariances of both loops and of the two pieces of the chain, all carried into the frame
+    of m.
     """
     count = len(ends)
     found = np.zeros(count, np.bool_)
@@ -74,7 +76,7 @@ def confirmed(
         while q < count and ends[q, 0] <= i + reach:
             k, m = ends[q, 0], ends[q, 1]
             if abs(m - j) <= reach and not (k == i and m == j) and not (found[p] and found[q]):
-                # T_k_j, then the prediction of T_k_m and of m as q sees it.
+                # T_k_j, then the prediction of T_k_m and of m in the frame of q's measurement.
                 x, y, angle = relative(chain[k], chain[i])
                 c, s = np.cos(angle), np.sin(angle)
                 x += c * measured[p, 0] - s * measured[p, 1]
@@ -89,7 +91,8 @@ def confirmed(
                 error[0], error[1] = c * x + s * y, c * y - s * x
                 error[2] = angle - TURN * np.floor(angle / TURN + 0.5)
 
-                # Loop p, the chain from j to m, and the one from k to i, by way of loop p: T_m_j T_i_j^-1 T_i_map.
+                # Loop p, the chain from j to m, and the one from k to i, carried through loop p: T_m_j T_i_j^-1
+                # T_i_map.
                 x, y, angle = relative(chain[m], chain[j])
                 poses[0, 0], poses[0, 1], poses[0, 2] = x, y, angle
                 parts[0] = covariances[p]

@@ -2,11 +2,11 @@
 
 A *run* of places is eliminated together (``_symbolic_kernels.supernodes``). Its *front* has its own block columns
 first, then the rows below them. The panel of a run, those columns of L over all rows of the front, is stored by
-columns: ``panel[c * height + r]`` in scalars, its diagonal entries by their inverses. What the elimination leaves for
-the rows below, its *update*, goes to the parent: the multifrontal method (Duff and Reid 1983; Liu 1992).
+columns: ``panel[c * height + r]`` in scalars, with its diagonal entries inverted. The *update* of a front, its Schur
+complement on the rows below, is added to the parent: the multifrontal method (Duff and Reid 1983; Liu 1992).
 
-Indices are unsigned: of a signed one Numba asks at each access whether it counts from the end, and the loops are not
-vectorized then (M3500: 1.8 ms against 1.0 ms). The products are those of ``_tile_kernels``.
+Indices are unsigned: for a signed index, Numba checks at each access whether it counts from the end, which keeps the
+loops from being vectorized (M3500: 1.8 ms instead of 1.0 ms). The products are those of ``_tile_kernels``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mapmend.kernel_cache import kernel
 
 NOWHERE = np.uint64(2**64 - 1)
 TALL_TILE, SHORT_TILE = np.uint64(TALL), np.uint64(SHORT)
-# Rows of a front that are taken together, and columns of a panel: what is read again is still in the cache.
+# How many rows of a front, and columns of a panel, are processed together, so that repeated reads hit the cache.
 STRIP, WIDE = np.uint64(96), np.uint64(48)
 ZERO, ONE, TWO, THREE, FOUR, FIVE, SIX, EIGHT, NINE = (np.uint64(k) for k in (0, 1, 2, 3, 4, 5, 6, 8, 9))
 
@@ -28,7 +28,7 @@ ZERO, ONE, TWO, THREE, FOUR, FIVE, SIX, EIGHT, NINE = (np.uint64(k) for k in (0,
 def subtract_blocks(target, to, pitch, panel, p, q, step, columns, rows):
     """``target[to + c * pitch + r] -= sum_k panel[p + k * step + r] * panel[q + k * step + c]`` for three columns c.
 
-    In tiles whose sums stay in registers; the last rows three by three, in nine sums.
+    It works in tiles whose sums stay in registers; the last rows are processed three by three, in nine sums.
     """
     while rows >= TALL_TILE:
         subtract_tall(target, to, pitch, panel, p, q, step, columns)
@@ -96,7 +96,7 @@ def add_update(work, p, in_parent, first, end, lower, panel, update, own, below)
 
 @kernel
 def subtract_square(target, to, size, panel, p, step, columns):
-    """A square's lower triangle, ``size`` rows from ``panel[p]`` on times themselves, less from ``target[to]`` on."""
+    """Subtracts ``P P^T``, lower triangle only, from ``target[to:]``; P is the ``size`` rows from ``panel[p]`` on."""
     for strip in range(ZERO, size, STRIP):
         end = min(strip + STRIP, size)
         for c in range(ZERO, end, THREE):
@@ -106,7 +106,7 @@ def subtract_square(target, to, size, panel, p, step, columns):
 
 @kernel
 def bring_up(lower, panel, k, own, height):
-    """Takes the columns before k of a panel from the next ones, as many as are taken together."""
+    """Subtracts the products of the columns before k of a panel from the next block of columns."""
     last = min(k + WIDE, own)
     for strip in range(k, height, STRIP):
         end = min(strip + STRIP, height)
@@ -117,7 +117,7 @@ def bring_up(lower, panel, k, own, height):
 
 @kernel(inline="always")
 def eliminate(values, q, smallest, lower, panel, own, height):
-    """Factorizes the panel; how many of its scalar columns had a pivot large enough."""
+    """Factorizes the panel; returns how many of its scalar columns had a pivot that is large enough."""
     k, p, first = ZERO, panel, ZERO
     while k < own:
         if k == first + WIDE:
@@ -158,10 +158,10 @@ def eliminate(values, q, smallest, lower, panel, own, height):
 def factorize(
     values: Float, scale: float, smallest: float, fronts: Fronts, lower: Float, work: Float, begin: int, end: int
 ) -> np.int64:
-    """Fills ``lower``, the panels of L, from H whose diagonal is multiplied by ``scale``; -1 where all went well.
+    """Fills ``lower``, the panels of L, from H whose diagonal is multiplied by ``scale``; returns -1 on success.
 
-    Else the place of the first pivot below ``smallest`` times its diagonal entry. ``work`` holds the updates. Of the
-    runs from ``begin`` to ``end``, whose children are done or among them.
+    Otherwise it returns the place of the first pivot below ``smallest`` times its diagonal entry. ``work`` holds the
+    updates. It processes the runs from ``begin`` to ``end``; their children are among them or already done.
     """
     firsts, first_child, next_child, row_starts, _, in_parent, panels, updates, block_starts, block_rows = fronts
     blocks_of_edges = NINE * np.uint64(block_starts.size - 1)
@@ -199,7 +199,7 @@ def factorize(
 
 @kernel(inline="always")
 def solve_lower(firsts, row_starts, rows, panels, lower, b, front):
-    """Overwrites ``b`` by the solution of ``L y = b``; ``front`` has room for the part of b in any front."""
+    """Overwrites ``b`` by the solution of ``L y = b``; ``front`` is scratch memory, as long as the longest front."""
     for run in range(np.uint64(firsts.size - 1)):
         first, own = THREE * firsts[run], THREE * (firsts[run + ONE] - firsts[run])
         start, end = row_starts[run], row_starts[run + ONE]
@@ -260,7 +260,7 @@ def solve_upper(firsts, row_starts, rows, panels, lower, b, front):
 def solve(fronts: Fronts, order: Int, lower: Float, right_sides: Float) -> None:
     """Overwrites ``right_sides``, shape (k, size), by the k solutions of ``H x = b``.
 
-    ``order`` says which vertex comes when; L is in that order, the right sides in that of the vertices.
+    ``order``: the vertices in the order of elimination. L has this order, the right sides have that of the vertices.
     """
     firsts, _, _, row_starts, rows, _, panels, _, _, _ = fronts
     front, b = np.empty(right_sides.shape[1]), np.empty(right_sides.shape[1])

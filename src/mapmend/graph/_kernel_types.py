@@ -1,4 +1,4 @@
-"""What kernels of the back end take as one argument. Numba is not needed to make it."""
+"""Groups of arrays that the kernels of the back end take as one argument. They are made without Numba."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ class Fronts(NamedTuple):
 
     ``firsts``: the first place of each run, and the end. ``first_child``, ``next_child``: the tree of the runs.
     The block rows below run s are the places ``rows[row_starts[s] : row_starts[s + 1]]``, rising; in the front of the
-    parent they are the block rows ``in_parent``. ``panel_starts``, ``update_starts``: where the numbers of each stand
-    in L and in the workspace, and the end. H holds the diagonal blocks by place, then the blocks below them: column by
-    column from ``block_starts``, at the block rows ``block_rows`` of the column's front. A block stands by columns.
+    parent they are the block rows ``in_parent``. ``panel_starts``, ``update_starts``: where the numbers of each
+    begin in L and in the workspace, and the end. H holds the diagonal blocks by place, then the blocks below them:
+    column by column from ``block_starts``, at the block rows ``block_rows`` of the column's front. A block is stored by
+    columns.
     """
 
     firsts: Unsigned

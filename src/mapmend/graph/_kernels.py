@@ -125,7 +125,7 @@ def linearize(
 
 @kernel
 def move(poses: Float, nodes: Int, step: Float) -> Float:
-    """``X * d`` of the ``nodes``, whose motions ``d`` stand in ``step`` one behind the other; the others stay."""
+    """``X * d`` of the ``nodes``, whose motions ``d`` follow each other in ``step``; the other nodes stay."""
     moved = poses.copy()
     for k in range(len(nodes)):
         node = nodes[k]

@@ -14,7 +14,7 @@ from mapmend.kernel_cache import kernel
 
 @kernel(inline="always")
 def extend(front, height, k, lower, p):
-    """Continues the inverse in a front, known from row ``k + 3`` on, by three columns; theirs of L begin at ``p``.
+    """Extends the inverse in a front, known from row ``k + 3`` on, by three columns; these columns of L begin at ``p``.
 
     With Y = L_below L_kk^-1: the blocks below are ``-Z Y``, the one on the diagonal (L_kk L_kk^T)^-1 - Y^T (-Z Y).
     """
@@ -62,7 +62,7 @@ def sparse_inverse(fronts: Fronts, lower: Float, work: Float) -> Float:
     """The panels of ``(L L^T)^-1``, laid out as those of L; ``work`` is as long as the factorization's.
 
     The equations of Takahashi, Fagan and Chen (1973), front by front from the last run to the first. A run's rows are
-    all in the front of its parent, so that the inverse on them is handed down to where its update came up.
+    all in the front of its parent, so the inverse on these rows is copied from the parent to where the update was.
     """
     firsts, first_child, next_child, row_starts, _, in_parent, panels, updates, _, _ = fronts
     runs, tallest = np.uint64(first_child.size), ZERO

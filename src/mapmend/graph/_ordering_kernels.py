@@ -1,7 +1,7 @@
 """Kernels of the ordering: in which order the nodes are eliminated.
 
-All of them see the quotient graph: one vertex a node that moves, its three unknowns together. A node's *place* is when
-its turn comes.
+All of them work on the quotient graph: one vertex for each node that moves, which stands for its three unknowns. A
+node's *place* is its position in the order of elimination.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
     Amestoy, Davis and Duff (1996), "An approximate minimum degree ordering algorithm": the quotient graph of variables
     and elements (eliminated vertices, each standing for the clique it leaves), the bound of its section 4 on the
     degree, mass elimination, indistinguishable variables by hashing, aggressive absorption. A vertex with very many
-    neighbours is put off to the end, or each elimination beside it would read them all.
+    neighbours is eliminated at the end; otherwise each elimination next to it would read all of them.
 
     The list of a variable holds its elements, then its variables; that of an element its variables. ``weight`` of a
-    variable: how many it stands for; negative while it is in the pivot's clique, zero when it is gone.
+    variable: how many it stands for; negative while it is in the pivot's clique, zero after it was eliminated.
     """
     count = len(starts) - 1
     lists = np.empty(3 * len(neighbours) // 2 + count, np.int64)
@@ -163,7 +163,7 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
                     lists[kept] = other
                     kept += 1
                     digest += other
-            if kept == begin[v]:  # nothing outside the clique: it goes with the pivot
+            if kept == begin[v]:  # no neighbours outside the clique: it is eliminated together with the pivot
                 clique += weight[v]
                 weight[v] = 0
                 members[last_member[pivot]] = v
@@ -181,7 +181,7 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
         degree[pivot] = clique
         flag += count + 1
 
-        # Variables of the clique with the same neighbours stay together from now on.
+        # Variables of the clique with the same neighbours are merged from now on.
         for q in range(first, free):
             one = lists[q]
             if weight[one] == 0 or buckets[bucket_of[one]] < 0:
@@ -235,7 +235,8 @@ def minimum_degree(starts: Int, neighbours: Int) -> Int:
 
 @kernel
 def elimination_tree(starts: Int, neighbours: Int, order: Int) -> tuple[Int, Int]:
-    """By place: the place of the parent (-1 at a root), and how many blocks the column has in L, the diagonal's too.
+    """By place: the place of the parent (-1 at a root), and how many blocks the column has in L, with the diagonal
+    block.
 
     Liu (1990), "The role of elimination trees in sparse factorization".
     """
@@ -269,7 +270,7 @@ def elimination_tree(starts: Int, neighbours: Int, order: Int) -> tuple[Int, Int
 
 @kernel
 def postorder(order: Int, parents: Int, blocks: Int) -> tuple[Int, Int, Int]:
-    """The same three with the places anew: each right behind all that hang on it, the fullest branch last."""
+    """The same three arrays in postorder: each place directly after its descendants, the branch of most blocks last."""
     count = len(parents)
     first_child, next_child, fullest = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     for v in range(count):

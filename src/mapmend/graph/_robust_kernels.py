@@ -1,4 +1,4 @@
-"""Kernel of the robust back end: what every edge contributes at some poses, without the normal equations."""
+"""Kernel of the robust back end: the errors and chi2 of all edges at given poses, without the normal equations."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Kernels of the symbolic analysis: what is eliminated together, what fills in, and where all numbers stand.
+"""Kernels of the symbolic analysis: what is eliminated together, what fills in, and where all numbers are stored.
 
-As in ``_ordering_kernels``, a node's three unknowns count as one, and its *place* is when its turn comes.
+As in ``_ordering_kernels``, a node's three unknowns count as one, and its *place* is its position in the order.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ Int = NDArray[np.int64]
 def supernodes(parents: Int, blocks: Int, narrow: int, zero_share: float) -> tuple[Int, Int]:
     """Runs of places that are eliminated together: the first place of each (and the end), and the parent of each.
 
-    ``parents`` and ``blocks`` in postorder. A column joins the one behind it where both have the same rows; a run joins
-    its parent, right behind it, where both together are at most ``narrow`` wide or at most ``zero_share`` of the
-    common blocks are zeros kept for the sake of longer loops (Ashcraft and Grimes 1989, relaxed supernodes).
+    ``parents`` and ``blocks`` in postorder. A column joins the next one if both have the same rows. A run joins its
+    parent, if it directly precedes it, where both together are at most ``narrow`` wide, or where at most ``zero_share``
+    of the common blocks are zeros; these are stored for the sake of longer loops (Ashcraft and Grimes 1989, relaxed
+    supernodes).
     """
     count = len(parents)
     firsts, stored = np.empty(count + 1, np.int64), np.empty(count, np.int64)
@@ -49,9 +50,9 @@ def supernodes(parents: Int, blocks: Int, narrow: int, zero_share: float) -> tup
 
 @kernel
 def fill_in(starts: Int, neighbours: Int, order: Int, places: Int, firsts: Int, parents: Int) -> tuple[Int, Int, Int]:
-    """Below its own columns, the rows that each run has in L, rising: ``rows[row_starts[s] : row_starts[s + 1]]``.
+    """The rows that each run has in L below its own columns, sorted: ``rows[row_starts[s] : row_starts[s + 1]]``.
 
-    And where each of them lies in the front of the parent: which block row, its own columns being the first ones.
+    It also returns the block row of each of them in the front of the parent, where the parent's columns come first.
     """
     count, runs = len(order), len(parents)
     run_of, seen_by = np.empty(count, np.int64), np.empty(runs, np.int64)
@@ -100,7 +101,7 @@ def fill_in(starts: Int, neighbours: Int, order: Int, places: Int, firsts: Int, 
 
 @kernel
 def block_layout(ends: Int, places: Int, firsts: Int, row_starts: Int, rows: Int) -> tuple[Int, Int, Int]:
-    """Where H's blocks below the diagonal stand: column after column, each with its block row in the run's front.
+    """Where H's blocks below the diagonal are stored: column after column, each with its block row in the run's front.
 
     Returns the block of each edge (-1 where an end is fixed), shape (m,), where each column's blocks begin, shape
     (count + 1,), and the block rows.
@@ -150,11 +151,12 @@ def block_layout(ends: Int, places: Int, firsts: Int, row_starts: Int, rows: Int
 def storage(firsts: Int, parents: Int, row_starts: Int, subtrees: Int) -> tuple[Int, Int, Int, Int]:
     """Where the panel of each run begins in L, and its update in the workspace, each with the end: shape (runs + 1,).
 
-    And the tree downwards: the first run that hangs on each, and the next on the same parent; -1 where there is none.
+    It also returns the tree from the root down: the first child of each run, and its next sibling; -1 where there is
+    none.
 
-    An update lives from its run to the parent of that. Those of runs at an even depth of the tree lie on one stack,
-    those at an odd depth on another: then a run writes its update while it reads its children's, and neither moves.
-    Each of the ``subtrees``, ranges of runs, has a pair of stacks of its own.
+    An update is needed until the parent of its run has read it. The updates of runs at an even depth of the tree are on
+    one stack, those at an odd depth on another, so that a run can write its update while it reads its children's,
+    without moving either. Each of the ``subtrees``, ranges of runs, has its own pair of stacks.
     """
     runs = len(parents)
     panel_starts, update_starts = np.zeros(runs + 1, np.int64), np.empty(runs + 1, np.int64)

@@ -1,8 +1,8 @@
 """The innermost product of the factorization, in vector registers.
 
-Numba leaves a sum of products to LLVM's vectorizers, which load and store every sum for six products: 10 G
+For a sum of products, Numba relies on LLVM's vectorizers, which load and store every sum once for six products: 10 G
 multiply-adds a second. Here the sums of a tile, some rows by three columns, stay in registers: 20 G on the same core.
-The instructions are LLVM's own for vectors, which it turns into those of any machine.
+The code uses LLVM's vector instructions, which LLVM translates to those of any machine.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def subtract_short(target, to, pitch, panel, p, q, step, columns):
 
 
 def _subtract(rows, target, to, pitch, panel, p, q, step, columns):
-    """What the two are where nothing is compiled."""
+    """Stands for the two if nothing is compiled."""
     for c in range(COLUMNS):
         for r in range(rows):
             total = 0.0

@@ -1,14 +1,14 @@
-"""Kernels of the surface grid: arrays in, arrays out. Their plain twins stand in tests/reference.
+"""Kernels of the surface grid: arrays in, arrays out. Their plain twins are in tests/reference.
 
 A grid is a table of tiles: ``table[row, column]`` names a tile of TILE x TILE cells, or -1; ``frame`` = (tiles in use,
 the table's first tile row, its first tile column). Cell arrays are flat over tiles; a cell's number is
 ``tile * TILE**2 + row_in_tile * TILE + column_in_tile``. They come as one tuple:
 ``surface[cell]`` = mean x, mean y, mean normal x, mean normal y, side of the returns in the cell (float32, metres in
-the grid's frame). The normals look towards the sensor that saw the surface first; the side is 1 where all others saw it
-from there too, lower where a thin wall was seen from both;
+the grid's frame). The normals point to the sensor that saw the surface first; the side is 1 where all other beams came
+from this side too, lower where a thin wall was seen from both sides;
 ``returns[cell]`` = how many the mean stands for (uint8, saturating: the mean forgets slowly);
 ``evidence[cell]`` = 0 where never seen, above it occupied, below it free (int8);
-``nearest[cell]`` = the number of the occupied cell whose mean lies nearest to this cell's centre, within REACH cells,
+``nearest[cell]`` = the number of the occupied cell whose mean is nearest to this cell's centre, within REACH cells,
 or -1 (int32).
 """
 
@@ -25,19 +25,19 @@ TILE = 1 << TILE_BITS
 TILE_MASK = TILE - 1
 TILE_CELLS = TILE * TILE
 REACH = 4
-# The mean of a cell forgets beyond this many returns, so that a map can still follow a door that moved.
+# Beyond this many returns, the mean of a cell forgets the oldest, so that a map can follow a door that moved.
 MEAN_MEMORY = 40
-# Neighbouring points farther apart than this are not taken for one wall, however well they lie on a line.
+# Neighbouring points farther apart than this are never one wall, even if they are on a line.
 MOST_CHORD_M = 5.0
-# A post or a leg: at most so many times as wide as neighbours are away at least.
+# A post or a leg is at most this many times as wide as the least distance of neighbours.
 MOST_THIN_BEAMS = 4
-# Neighbours are at most so many beams away: 10 degrees of a common dense laser, on things at arm's length.
+# Neighbours are at most this many beams away: 10 degrees of a common dense laser, for things at arm's length.
 MOST_AWAY = 40
 # A return weighs as much as this many passes: a beam that grazes a wall passes through some of its cells.
 RETURN_WEIGHT = 3
 # A beam clears up to this many cells from its surface, measured along the surface's normal.
 CLEARANCE = 1.5
-# Evidence saturates: what stood for an hour is gone after this many beams passed through.
+# Evidence saturates: an object that stood for an hour disappears after this many beams passed through.
 MOST_EVIDENCE = 100
 
 
@@ -45,12 +45,12 @@ MOST_EVIDENCE = 100
 def project_scan(ranges, cosines, sines, limits, mounting, points):
     """Returns of one scan as points with normals in the robot's frame: rows (x, y, normal x, normal y, thin).
 
-    ``limits`` = (shortest, longest usable range, largest difference to a neighbour's range on one surface as a share of
-    it, distance m from the neighbours' chord up to which a point farther from them still lies on one wall with them,
-    how many beams away its neighbours are at least, and how many, times the range). The normal is that of the chord
-    between the two neighbours, towards the laser; (0, 0) where they are apart.
-    A wall seen at a grazing angle has its points far apart, but on one line. Thin is 1 for the points of a post or a
-    leg, which hold a robot in every direction, else 0. Returns the number of rows written.
+    ``limits`` = (shortest usable range m, longest usable range m, largest difference to a neighbour's range on one
+    surface as a share of the range, distance m from the neighbours' chord up to which a point farther from them is
+    still on one wall with them, least number of beams to a neighbour, and that number times the range). The normal is
+    that of the chord between the two neighbours, towards the laser; (0, 0) if they are on different surfaces.
+    The points of a wall seen at a grazing angle are far apart, but on one line. "thin" is 1 for the points of a post or
+    a leg, which constrain the pose in every direction, else 0. Returns the number of rows written.
     """
     count = 0
     beams = ranges.shape[0]
@@ -71,7 +71,7 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
             length = math.sqrt(tx * tx + ty * ty)
             if 1e-6 < length < MOST_CHORD_M:
                 near = abs(before - r) < gap and abs(after - r) < gap
-                # On a straight wall the inverse ranges rise evenly: a jamb, and what lies behind it, do not.
+                # On a straight wall the inverse ranges change evenly; from a jamb to the surface behind it they do not.
                 between = (before - r) * (after - r) < 0.0 and abs(2.0 * before * after / (before + after) - r) < gap
                 if near or (between and abs(tx * (y - by) - ty * (x - bx)) < limits[3] * length):
                     nx, ny = -ty / length, tx / length
@@ -88,9 +88,9 @@ def project_scan(ranges, cosines, sines, limits, mounting, points):
 
 @kernel
 def _is_thin(ranges, k, gap, away):
-    """Whether beam k hits one of a few neighbouring points with nothing near them on either side but what lies behind.
+    """Whether beam k hits one of a few neighbouring points with only farther things beside them on both sides.
 
-    The last point of a wall before its end or the laser's range is none of these: it moves along with the robot.
+    The last point of a wall before its end, or before the laser's range ends, does not count: it moves with the robot.
     """
     width = 1
     for step in (-1, 1):
@@ -105,7 +105,7 @@ def _is_thin(ranges, k, gap, away):
 
 @kernel
 def cell_at(table, frame, row, column):
-    """The number of a cell, or -1 where no tile is."""
+    """The number of a cell, or -1 where there is no tile."""
     row -= frame[1] * TILE
     column -= frame[2] * TILE
     if row < 0 or column < 0:
@@ -121,7 +121,7 @@ def cell_at(table, frame, row, column):
 
 @kernel
 def _claim(table, frame, row, column):
-    """The number of a cell, its tile taken into use where it was not; -1 outside the table."""
+    """The number of a cell, whose tile is taken into use if necessary; -1 outside the table."""
     row -= frame[1] * TILE
     column -= frame[2] * TILE
     if row < 0 or column < 0:
@@ -139,7 +139,7 @@ def _claim(table, frame, row, column):
 
 @kernel
 def _announce(table, frame, surface, nearest, cell, row, column, size):
-    """A cell became occupied: it is the nearest of those around it whose nearest is farther."""
+    """After a cell became occupied: cells around it whose nearest surface is farther now point to this cell."""
     mx, my = surface[cell, 0], surface[cell, 1]
     for r in range(row - REACH, row + REACH + 1):
         for c in range(column - REACH, column + REACH + 1):
@@ -157,7 +157,7 @@ def _announce(table, frame, surface, nearest, cell, row, column, size):
 
 @kernel
 def _withdraw(table, frame, arrays, cell, row, column, size):
-    """A cell became free: those around it that pointed at it look for the next nearest."""
+    """After a cell became free: cells around it that pointed to it look for the next nearest surface."""
     surface, returns, _, nearest = arrays
     returns[cell] = 0
     for r in range(row - REACH, row + REACH + 1):
@@ -180,10 +180,10 @@ def _withdraw(table, frame, arrays, cell, row, column, size):
 
 @kernel
 def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
-    """One piece of evidence for free in every cell from (x0, y0) to (x1, y1); ``freed`` takes the cells that became so.
+    """Adds one count of free evidence to every cell from (x0, y0) to (x1, y1); writes newly free cells into ``freed``.
 
-    One cell a step along the longer axis: a beam through a cell's corner may miss it, another will not. Returns the
-    number of freed cells; they stay in the grid until `_withdraw`, so that this loop stays small.
+    One cell for each step along the longer axis: a beam through the corner of a cell may miss it, but the next one will
+    not. Returns the number of freed cells; they stay in the grid until `_withdraw`, so that this loop stays small.
     """
     evidence, size = arrays[2], settings[0]
     first_row, first_column = frame[1] * TILE, frame[2] * TILE
@@ -209,7 +209,7 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
                     freed[count, 0], freed[count, 1], freed[count, 2] = cell, row + first_row, column + first_column
                     count += 1
                 else:
-                    evidence[cell] = 1  # no room to note it: the next beam through it frees it
+                    evidence[cell] = 1  # ``freed`` is full: the next beam through this cell frees it
         x += step_x
         y += step_y
     return count
@@ -217,9 +217,10 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
 
 @kernel
 def clear_share(dx, dy, nx, ny, size):
-    """The share of a beam (dx, dy) to a surface with that normal that says where nothing is; none of it below 0.
+    """The share of a beam (dx, dy) to a surface with this normal that clears cells; it clears none if the share is
+    below 0.
 
-    A beam runs close to the surface it grazes for long: up to there, it says nothing of the surface's cells.
+    A beam that grazes a surface runs close to it for a long way and must not clear the surface's own cells there.
     """
     length = math.sqrt(dx * dx + dy * dy)
     steepness = abs(nx * dx + ny * dy) / (length + 1e-9)
@@ -228,14 +229,14 @@ def clear_share(dx, dy, nx, ny, size):
 
 @kernel
 def average(surface, returns, cell, x, y, nx, ny):
-    """One more return in a cell that has some."""
+    """Adds a return to a cell that already has some."""
     if returns[cell] < MEAN_MEMORY:
         returns[cell] += 1
     share = 1.0 / returns[cell]
     surface[cell, 0] += share * (x - surface[cell, 0])
     surface[cell, 1] += share * (y - surface[cell, 1])
     if nx == 0.0 and ny == 0.0:
-        return  # nothing to add to what is known of the surface's direction
+        return  # the point has no normal: the direction of the surface stays as it is
     if surface[cell, 2] == 0.0 and surface[cell, 3] == 0.0:
         surface[cell, 2], surface[cell, 3] = nx, ny
         return
@@ -249,10 +250,10 @@ def average(surface, returns, cell, x, y, nx, ny):
 
 @kernel
 def find_room(table, frame, tiles, points, origin, pose, size, box):
-    """Whether the table covers a scan's points and its laser, and tiles enough are left for them.
+    """Whether the table covers a scan's points and its laser, and enough tiles are left for them.
 
-    ``origin`` = the laser's place on the robot; ``box``: written: first row, first column, last row, last column, in
-    tiles, of what the scan asks for.
+    ``origin`` = the laser's position on the robot; ``box``: written: first row, first column, last row, last column, in
+    tiles, of the area that the scan needs.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     low_x = high_x = pose[0] + cos * origin[0] - sin * origin[1]
@@ -274,10 +275,10 @@ def find_room(table, frame, tiles, points, origin, pose, size, box):
 
 @kernel
 def insert_points(table, frame, arrays, points, origin, pose, settings):
-    """One scan's points (robot frame) into the grid at ``pose`` (grid frame, metres from the corner).
+    """Inserts one scan's points (robot frame) into the grid at ``pose`` (grid frame, metres from the corner).
 
-    ``origin`` = the laser's place on the robot; ``settings`` = (cell size, first beam and stride of those that clear).
-    The caller made sure that tiles enough are left.
+    ``origin`` = the laser's position on the robot; ``settings`` = (cell size, first beam and stride of those that
+    clear). The caller ensures that enough tiles are left.
     """
     size = settings[0]
     surface, returns, evidence, nearest = arrays

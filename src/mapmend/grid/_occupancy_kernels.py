@@ -1,4 +1,4 @@
-"""The kernel that counts beams for the occupancy map. Its plain twin stands in tests/reference."""
+"""The kernel that counts beams for the occupancy map. Its plain twin is in tests/reference."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from mapmend.kernel_cache import kernel
 
 @kernel
 def count_beams(scans, directions, lasers, frame, first_row, counts):
-    """Adds what every beam says about the rows of a map from ``first_row`` on.
+    """Counts the returns and passes of every beam in the rows of a map from ``first_row`` on.
 
     ``scans`` = (ranges float32 (total,), offsets int64 (n + 1,), laser number int32 (n,)). ``directions``: (lasers,
     beams, 2), unit vectors in the laser's frame. ``lasers``: (n, 4), x, y, cos, sin of the laser in the map.
@@ -15,9 +15,9 @@ def count_beams(scans, directions, lasers, frame, first_row, counts):
     ``counts``: int32, (2, rows, columns), returns and passes, for cells ``first_row`` to ``first_row + rows - 1``.
 
     A beam passes the cells of the straight line from the laser's cell up to its return's: step k of n along the longer
-    axis lies ``round(k * shorter / n)`` along the other. So any step can be computed without those before it, and a
-    beam that crosses other rows costs nothing there. A reading beyond the longest range passes up to it and does
-    not return; one that is not finite (no return, unusable) says nothing.
+    axis is ``round(k * shorter / n)`` along the other. So any step can be computed without the steps before it, and a
+    beam takes no time in other rows. A reading beyond the longest range passes up to it and does not return; one that
+    is not finite (no return, unusable) is not counted.
     """
     ranges, offsets, laser_number = scans
     size, shortest, longest = frame[2], frame[3], frame[4]
@@ -30,7 +30,7 @@ def count_beams(scans, directions, lasers, frame, first_row, counts):
             continue
         for beam in range(offsets[k + 1] - offsets[k]):
             reading = float(ranges[offsets[k] + beam])
-            # Not finite fails the second comparison or the first: infinity is no return, nan unusable.
+            # Infinity (no return) fails the second comparison, nan (unusable) the first.
             if not (shortest <= reading < 1e30):
                 continue
             length = min(reading, longest)
@@ -40,7 +40,7 @@ def count_beams(scans, directions, lasers, frame, first_row, counts):
             across, up = abs(end_column - column), abs(end_row - row)
             to_right, to_top = (1 if end_column > column else -1), (1 if end_row > row else -1)
             steps = max(across, up)
-            # The steps whose rows are among ours: rows climb from ``row`` to ``end_row`` and never turn.
+            # The steps within this band of rows: rows go from ``row`` to ``end_row`` in one direction.
             lowest = (first_row - row) if to_top > 0 else (row - last_row)
             highest = (last_row - row) if to_top > 0 else (row - first_row)
             if highest < 0 or lowest > up:

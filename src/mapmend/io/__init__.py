@@ -1,1 +1,1 @@
-"""Files in and out; nothing here knows an algorithm."""
+"""Reading and writing of files; nothing here depends on an algorithm."""

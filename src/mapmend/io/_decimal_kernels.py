@@ -1,8 +1,8 @@
 """The kernel that reads decimal numbers of up to nineteen digits, with or without an exponent, as ``float`` does.
 
 The digits are a whole number below 2**63, and powers of ten up to 10**22 are doubles. Product or quotient of the two
-are worked out to twice a double's precision (Dekker 1971), then rounded once. Where the last step is too near to a tie
-to tell which way ``float`` would round, or anything is not of this kind, the word is left to ``float``.
+are computed to twice a double's precision (Dekker 1971), then rounded once. If the last step is too near to a tie to
+decide how ``float`` would round, or if a word is not of this kind, it is left to ``float``.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from mapmend.kernel_cache import kernel
 
-MOST_DIGITS = np.uint64(10**18 - 1)  # after which one more still fits
+MOST_DIGITS = np.uint64(10**18 - 1)  # with one more digit, this still fits
 POWERS = np.array([float(10**k) for k in range(23)])
 SPLITTER = float(2**27 + 1)
-NEAR_TIE = 1e-9  # of the last place; what the double precision leaves out is 1e-15 of it
+NEAR_TIE = 1e-9  # of the last place; the error of the doubled precision is 1e-15 of it
 
 
 @kernel(inline="always")
 def product(a: float, b: float) -> tuple[float, float]:
-    """``a * b`` rounded, and what the rounding left out."""
+    """``a * b`` rounded, and the rounding error."""
     high = a * b
     split = SPLITTER * a
     a1 = split - (split - a)
@@ -33,7 +33,7 @@ def product(a: float, b: float) -> tuple[float, float]:
 
 @kernel(inline="always")
 def scaled(digits: np.uint64, exponent: int) -> tuple[float, bool]:
-    """``digits * 10**exponent``, and whether it is certain to be rounded as it should."""
+    """``digits * 10**exponent``, and whether the rounding is certainly right."""
     high = np.float64(digits)
     low = np.float64(np.int64(digits - np.uint64(high)))
     if exponent < 0:
@@ -48,7 +48,7 @@ def scaled(digits: np.uint64, exponent: int) -> tuple[float, bool]:
     value = near + rest
     place = np.nextafter(value, np.inf) - value
     off = abs(rest - (value - near)) / place
-    # Below a power of two places are half as wide.
+    # Below a power of two, the spacing of doubles is half as wide.
     return value, abs(off - 0.5) > NEAR_TIE and abs(off - 0.25) > NEAR_TIE
 
 

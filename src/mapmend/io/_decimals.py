@@ -1,9 +1,9 @@
-"""Decimal numbers out of text and into text, a whole block at once.
+"""Decimal numbers from text and to text, a whole block at once.
 
-A log is millions of short numbers such as ``12.34``. Sixteen characters of each are looked at as two 64-bit words, so
-that NumPy does the arithmetic for all of them together. Numbers with all the digits that a double takes, as in pose
-graphs, have a kernel (``_decimal_kernels``), and the rest goes through ``float``. The values are those of ``float`` to
-the last bit: here, since digits below 2**53 divided by an exact power of ten round correctly.
+A log is millions of short numbers such as ``12.34``. Sixteen characters of each are treated as two 64-bit words, so
+that NumPy does the arithmetic for all of them together. Numbers with all digits of a double, as in pose graphs, have a
+kernel (``_decimal_kernels``), and the others go through ``float``. The values are those of ``float`` to the last bit:
+here, because digits below 2**53 divided by an exact power of ten round correctly.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ Int = NDArray[np.int64]
 Words = NDArray[np.uint64]
 Bool = NDArray[np.bool_]
 
-_PAD = 16  # a word that ends at the first character may begin this far before it
-_CHUNK = 1 << 15  # numbers at a time: the words of a chunk stay in the cache
+_PAD = 16  # words are read from up to this far before their end
+_CHUNK = 1 << 15  # how many numbers are processed together: the words of a chunk stay in the cache
 _MOST_DECIMALS = 12
-_FEW = 200  # words that ``float`` has read before a compiled kernel is loaded
-_LONG = 10.0  # of words that have more characters on average, most are for the kernel
+_FEW = 200  # after this many words read by ``float``, the compiled kernel is loaded
+_LONG = 10.0  # if words have more characters on average, most of them are for the kernel
 _POWERS = 10.0 ** np.arange(17)
 
 
@@ -61,12 +61,12 @@ class Tokens:
 
 
 def tokenize(lines: list[bytes]) -> Tokens:
-    """Where the words of the lines lie; any byte up to the blank separates them."""
+    """The positions of the words in the lines; any byte up to the blank separates them."""
     return tokenize_text(b"\n".join(lines) + b"\n")
 
 
 def tokenize_text(text: bytes) -> Tokens:
-    """The same for lines that stand in one text, each with its end."""
+    """The same for lines in one text, each with its line end."""
     buffer = np.frombuffer(b" " * _PAD + text, np.uint8)
     blank = buffer <= 32
     change = np.flatnonzero(blank[1:] != blank[:-1]) + 1
@@ -113,7 +113,7 @@ def _sixteen_characters(words: Words, ends: Int, lengths: Int) -> tuple[Words, N
     raw = _digits_only(words[ends - 16], np.minimum(lengths, 16) - 8)
     high, high_dot, high_decimals = _without_dot(raw)
     low, low_dot, low_decimals = _without_dot(words[ends - 8])
-    # Where the dot was in the last eight, those are one digit short: the last digit before them moves down.
+    # If the dot was among the last eight, these have one digit too few: the last digit before them moves down.
     low = np.where(low_dot, (low & ~np.uint64(0xFF)) | (raw >> _56), low)
     high = np.where(low_dot, (raw << _8) | np.uint64(ord("0")), high)
     decimals = np.where(high_dot, high_decimals + np.uint8(8), low_decimals)
@@ -129,10 +129,10 @@ def _digits_only(word: Words, length: Int) -> Words:
 
 
 def _without_dot(word: Words) -> tuple[Words, Bool, NDArray[np.uint8]]:
-    """The words closed up where a dot stood, whether one did, and how many characters followed it."""
+    """The words without their dot, whether they had one, and how many characters followed it."""
     other = word ^ _DOTS
     found = (other - _ONES) & ~other & _TOPS
-    found &= ~found + _1  # the lowest only; a second dot stays and is refused as no digit
+    found &= ~found + _1  # only the lowest dot; a second one stays and is refused because it is no digit
     bit = found >> _7
     has_dot = bit != 0
     before = bit - has_dot
@@ -147,14 +147,14 @@ def _all_digits(word: Words) -> Bool:
 
 
 def _eight_digits(word: Words) -> Words:
-    """The number that eight characters spell: neighbours are joined to twos, fours and the whole."""
+    """The number of eight digit characters: neighbours are joined to pairs, fours and the whole."""
     twos = ((word & _LOW_NIBBLES) * np.uint64(1 + (10 << 8)) >> _8) & np.uint64(0x00FF00FF00FF00FF)
     fours = (twos * np.uint64(1 + (100 << 16)) >> np.uint64(16)) & np.uint64(0x0000FFFF0000FFFF)
     return fours * np.uint64(1 + (10000 << 32)) >> np.uint64(32)
 
 
 def _parse_odd(buffer: NDArray[np.uint8], starts: Int, ends: Int) -> tuple[Float, Bool]:
-    """The same for exponents, long mantissas, nan, inf, and what is no number."""
+    """The same for exponents, long mantissas, nan, inf, and words that are no numbers."""
     values, valid = np.full(len(starts), np.nan), np.zeros(len(starts), np.bool_)
     if len(starts) > _FEW:
         from mapmend.io import _decimal_kernels
@@ -208,7 +208,7 @@ def _decimals_needed(values: Float, ranges_m: NDArray[np.float32], least: int) -
     """The fewest decimals that keep every reading, given the float32 values as they are in memory."""
     for decimals in range(least, _MOST_DECIMALS):
         power = 10.0**decimals
-        # A few first: most logs that need more decimals say so at once.
+        # A few readings first: most logs that need more decimals show it at once.
         for part in (slice(0, 1000), slice(None)):
             if np.any((np.rint(values[part] * power) / power).astype(np.float32) != ranges_m[part]):
                 break

@@ -35,7 +35,7 @@ _HALF_TURN_DEGREES = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 
 @dataclass
 class _Content:
-    """What the lines of a log hold, gathered block by block."""
+    """The content of the lines of a log, collected block by block."""
 
     rows: list[LaserRows] = field(default_factory=list)
     parameters: dict[str, str] = field(default_factory=dict)
@@ -46,7 +46,7 @@ class _Content:
 
 
 def read_carmen(path: str | Path, lenient: bool = False) -> ScanLog:
-    """Read a CARMEN log, plain or packed; raises InputError naming file, line and mend.
+    """Read a CARMEN log, plain or compressed; raises InputError that names file, line and what to do.
 
     With ``lenient`` unusable lines are left out, and nan, infinite or negative readings become nan; notes count them.
     """
@@ -117,7 +117,7 @@ def _read_parameter(parameters: dict[str, str], line: bytes) -> None:
 
 
 def _number(parameters: dict[str, str], *names: str) -> float | None:
-    """The first of the parameters that is there and a finite number."""
+    """The first of the parameters that exists and is a finite number."""
     for name in names:
         try:
             value = float(parameters[name])
@@ -129,7 +129,7 @@ def _number(parameters: dict[str, str], *names: str) -> float | None:
 
 
 def _usable_rows(rows: LaserRows, content: _Content, path: str | Path, lenient: bool) -> LaserRows:
-    """The rows with beams that end like the others: all lines end with their time, or none does."""
+    """The rows that have beams and end like the others: all lines end with their time, or none does."""
     untimed: Bool = np.isnan(rows.stamps_s)
     checks = [(rows.counts == 0, "a scan without beams")]
     if not untimed.all():
@@ -193,7 +193,7 @@ def _channel(channel: int, rows: LaserRows, parameters: dict[str, str], notes: l
 
 
 def _angles(rows: LaserRows, parameters: dict[str, str], notes: list[Note]) -> Float:
-    """First angle and increment of each row, shape (k, 2): as the header says, or from the beam count."""
+    """First angle and increment of each row, shape (k, 2): from the header, or from the beam count."""
     angles = exact_angles(rows.header[:, [0, 2]])
     for channel, side in _SIDES.items():
         mine = rows.channel == channel
@@ -208,10 +208,10 @@ def _angles(rows: LaserRows, parameters: dict[str, str], notes: list[Note]) -> F
 
 
 def _angles_of(count: int, side: str, parameters: dict[str, str]) -> tuple[float, float, bool]:
-    """First angle, increment and whether they are guessed, for a line that tells no more than its beam count."""
+    """First angle, increment and whether they are guessed, for a line with nothing but its beam count."""
     if count in _HALF_TURN_DEGREES:
         return -np.pi / 2.0, float(np.deg2rad(_HALF_TURN_DEGREES[count])), False
-    gaps = max(count - count % 2, 1)  # an even number of beams fills half-open the field that one more would close
+    gaps = max(count - count % 2, 1)  # an even number of beams covers the field without its last direction
     resolution = _number(parameters, f"laser_{side}_laser_resolution")
     if resolution is not None and 0.0 < resolution * gaps <= 361.0:
         increment = float(np.deg2rad(resolution))
@@ -224,7 +224,7 @@ def _angles_of(count: int, side: str, parameters: dict[str, str]) -> tuple[float
 
 
 def _limit_notes(rows: LaserRows, channels: dict[int, Channel], limits: set[float]) -> list[Note]:
-    """Says where the readings, not the file's own word, decided what is no return."""
+    """Notes if the readings, and not the limit in the file, decided what is no return."""
     claims = {c.claimed_max_m for c in channels.values() if c.claimed_max_m is not None}
     claims |= set(rows.header[rows.header[:, 3] > 0.0, 3].tolist())
     told = f"the file says {', '.join(f'{c:g}' for c in sorted(claims))}" if claims else "the file says none"
@@ -236,7 +236,7 @@ def _limit_notes(rows: LaserRows, channels: dict[int, Channel], limits: set[floa
 
 
 def _stamps(rows: LaserRows, exact: bool, notes: list[Note]) -> tuple[Float, bool]:
-    """The rows' times, or their numbers where the times tell nothing."""
+    """The rows' times, or their numbers if the times are not usable."""
     stamps = rows.stamps_s
     what = ""
     if np.isnan(stamps).any():

@@ -1,4 +1,4 @@
-"""Scan logs into CARMEN's text."""
+"""Scan logs to CARMEN's text."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _LEAST_DECIMALS = 4
 
 
 def write_carmen(path: str | Path, log: ScanLog) -> None:
-    """Write a log as FLASER lines where one laser with half a turn in steps of 1 or 0.5 degrees looks ahead, else as
-    ROBOTLASER1 lines; `mapmend.io.carmen.read_carmen` reads it back the same.
+    """Write a log as FLASER lines if one laser with half a turn in steps of 1 or 0.5 degrees looks ahead, otherwise as
+    ROBOTLASER1 lines; `mapmend.io.carmen.read_carmen` reads back the same log.
 
     No return is written as the laser's ``max_range_m``, an unusable reading as 0. Raises OutputError.
     """
@@ -33,7 +33,7 @@ def write_carmen(path: str | Path, log: ScanLog) -> None:
 
 
 def _fits_flaser(geometries: tuple[LaserGeometry, ...]) -> bool:
-    """Whether beam counts and two PARAM lines tell all about the lasers."""
+    """Whether beam counts and two PARAM lines describe the lasers completely."""
     if len({(g.max_range_m, g.T_robot_laser) for g in geometries}) != 1:
         return False
     if geometries[0].T_robot_laser[1:] != (0.0, 0.0):

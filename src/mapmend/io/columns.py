@@ -11,9 +11,9 @@ from mapmend.io._decimals import Float, Int, parse, tokenize
 
 
 def read_columns(data: bytes, names: tuple[str, ...], path: str | Path) -> tuple[Float, Int]:
-    """The numbers, shape (n, len(names)), and the lines they stand in, shape (n,); `#` lines and blank ones skipped.
+    """The numbers, shape (n, len(names)), and their line numbers, shape (n,); `#` lines and blank ones are skipped.
 
-    Raises InputError for an empty file, another number of fields, and what is not a finite number.
+    Raises InputError for an empty file, another number of fields, and fields that are not finite numbers.
     """
     texts, lines = [], []
     for number, line in enumerate(data.replace(b"\r", b"\n" if b"\n" not in data else b"").split(b"\n"), 1):

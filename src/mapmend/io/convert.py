@@ -1,4 +1,4 @@
-"""Files of one kind into files of another: what goes where, what is lost, and what makes no sense."""
+"""Conversion of files from one format to another: what is converted, what is lost, and what is refused."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mapmend.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Path2D:
-    """Poses without stamps, shape (n, 3), as a KITTI file holds them."""
+    """Poses without stamps, shape (n, 3), as in a KITTI file."""
 
     poses: Float
 
@@ -36,9 +36,9 @@ Convertible = ScanLog | PoseGraph | Trajectory | Path2D
 
 @dataclass(frozen=True)
 class Converted:
-    """What was read and written: ``count`` scans, nodes or poses; ``lost`` says what the new file has no place for.
+    """What was read and written: ``count`` scans, nodes or poses; ``lost`` lists what the new file cannot hold.
 
-    ``notes`` say what was odd about a graph that was read.
+    ``notes`` describe what was odd about a graph that was read.
     """
 
     kind: str
@@ -59,8 +59,8 @@ def convert(
 ) -> Converted:
     """Read one file and write it as another, in the format ``to`` or that of the target's name.
 
-    ``stamps``: a file with a time (s) a line, for poses that have none. Raises InputError with the reason where the
-    new format can't hold what the old one is about, OutputError where it can't be written.
+    ``stamps``: a file with one time (s) on each line, for poses that have none. Raises InputError with the reason if
+    the new format cannot hold the content, OutputError if it cannot be written.
     """
     form = to or format_of(target)
     if form == "sqlite3" and Path(target).suffix == BAG_FILE:
@@ -94,7 +94,7 @@ _LOG_WRITERS: dict[str, Callable[[str | Path, ScanLog], None]] = {
 
 
 def _load(source: str | Path, form: str, bag: BagOptions | None, lenient: bool) -> Convertible:
-    """What the source holds; of a RUN its trajectory for a path, its graph for all else."""
+    """The content of the source; of a RUN its trajectory if the target is one, otherwise its graph."""
     place = Path(source)
     if place.is_dir() and bag_kind(place) is None:
         trajectory, graph = read_run(place)
@@ -117,7 +117,7 @@ def _kind(content: Convertible) -> str:
 
 
 def _stamped(content: Convertible, stamps: str | Path, source: str | Path) -> Convertible:
-    """Poses or nodes with times from a file of their own."""
+    """Poses or nodes with times from a separate file."""
     table = read(stamps)
     if not isinstance(table, np.ndarray) or table.dtype != np.float64 or table.shape[1] != 1:
         raise InputError(stamps, "holds no column of times", "give one time in seconds a line")
@@ -151,7 +151,7 @@ def as_log(content: Convertible, source: str | Path) -> tuple[ScanLog, list[str]
 
 
 def as_graph(content: Convertible, source: str | Path) -> PoseGraph:
-    """A graph; raises InputError for what has no edges."""
+    """A graph; raises InputError for content without edges."""
     if isinstance(content, PoseGraph):
         return content
     if isinstance(content, ScanLog):

@@ -1,4 +1,4 @@
-"""Bytes of a file, unpacked where it is an archive, which its content tells, not its name."""
+"""The bytes of a file, decompressed if its content (not its name) shows that it is compressed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _GZIP, _BZIP2 = b"\x1f\x8b", b"BZh"
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """The content of a plain, ``.gz`` or ``.bz2`` file; raises InputError for what can't be opened or unpacked."""
+    """The content of a plain, ``.gz`` or ``.bz2`` file; raises InputError if it cannot be opened or decompressed."""
     try:
         packed = Path(path).read_bytes()
     except FileNotFoundError:
@@ -35,12 +35,12 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def open_text(path: str | Path) -> str:
-    """The content as text, line ends as ``\\n``; raises InputError where it is no text."""
+    """The content as text, line ends as ``\\n``; raises InputError if it is not text."""
     return decode(read_bytes(path), path)
 
 
 def decode(data: bytes, path: str | Path) -> str:
-    """``data`` as UTF-8 text; raises InputError naming ``path`` where it is none."""
+    """``data`` as UTF-8 text; raises InputError that names ``path`` if it is not."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -49,7 +49,7 @@ def decode(data: bytes, path: str | Path) -> str:
 
 
 def _unpack_bzip2(packed: bytes) -> bytes:
-    """Like ``bz2.decompress``, which takes a file cut at a stream's start for a whole one."""
+    """Like ``bz2.decompress``, but refuses a file that was cut at the start of a stream."""
     pieces = []
     while packed:
         unpacker = bz2.BZ2Decompressor()

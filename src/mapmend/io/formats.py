@@ -1,4 +1,4 @@
-"""The formats that files are written in, what each holds, and which names ask for which."""
+"""The formats that can be written, what each holds, and which file names mean which format."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ BY_SUFFIX = {
     ".clf": "carmen", ".log": "carmen", ".carmen": "carmen", ".mcap": "mcap", "": "mcap", ".g2o": "g2o",
     ".toro": "toro", ".graph": "toro", ".tum": "tum", ".kitti": "kitti",
 }  # fmt: skip
-"""The format that a suffix asks for; a name without one is that of a bag's folder."""
+"""The format of each suffix; a name without one is that of a bag's folder."""
 
-BAG_FILE, BAG_DATABASE = ".mcap", ".db3"  # what a ROS 2 bag keeps its messages in
-PACKED = (".gz", ".bz2")  # read as if they were not packed; never written
+BAG_FILE, BAG_DATABASE = ".mcap", ".db3"  # the storage of a ROS 2 bag
+PACKED = (".gz", ".bz2")  # compressed files are read too, but never written
 
 
 def format_of(path: str | Path) -> str:
-    """The format that a file's name asks for; raises MapmendError where it asks for none."""
+    """The format by a file's name; raises MapmendError if the name has none."""
     suffix = Path(path).suffix.lower()
     if suffix == ".bag":
         raise MapmendError(f"{path}: ROS 1 bags are read, not written; name a folder or a .mcap file for a ROS 2 bag")
@@ -32,6 +32,6 @@ def format_of(path: str | Path) -> str:
 
 
 def graph_format_of(path: str | Path) -> str | None:
-    """The format of graphs that a file's name asks for, None where it asks for another or none."""
+    """The format of a graph by a file's name, None if the name has another format or none."""
     named = BY_SUFFIX.get(Path(path).suffix.lower())
     return named if named in GRAPH_FORMATS else None

@@ -12,10 +12,10 @@ from mapmend.io.graph_text import write_graph
 
 
 def read_g2o(path: str | Path) -> PoseGraph:
-    """Read a 2D pose graph, plain or packed, with its scans and stamps where it has any.
+    """Read a 2D pose graph, plain or compressed, with its scans and stamps if it has any.
 
     Edges between consecutive ids, or between vertices next to each other in the file, are odometry, all others loops.
-    TORO's lines are understood too. Raises InputError naming file, line and mend.
+    TORO's lines are read too. Raises InputError that names file, line and what to do.
     """
     return parse_graph(read_bytes(path), path)
 
@@ -23,6 +23,6 @@ def read_g2o(path: str | Path) -> PoseGraph:
 def write_g2o(target: str | Path | IO[str], graph: PoseGraph) -> None:
     """Write a graph to a file (whole or not at all) or text stream; read back, it is the same to the last bit.
 
-    Raises OutputError where the file can't be written.
+    Raises OutputError if the file cannot be written.
     """
     write_graph(target, graph, "g2o")

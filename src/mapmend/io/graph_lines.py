@@ -1,4 +1,4 @@
-"""Pose graphs out of text: g2o's lines, TORO's, or both in one file. docs/formats.md lists fields and rules."""
+"""Pose graphs from text: g2o's lines, TORO's, or both in one file. docs/formats.md lists fields and rules."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mapmend.scan import LaserGeometry, Note, Scans
 MEND = "repair the line"
 MOST_NAMED = 3  # nodes in a note
 SEQUENTIAL_MARK, LOOP_MARK = b"#SEQUENTIAL EDGES", b"#LOOP EDGES"
-# Which edges, counted from 0, are loops though their ids do not say so, or the other way round.
+# Which edges, counted from 0, are loops although their ids mean odometry, or the other way round.
 OTHERWISE_MARK = b"# mapmend: edges that are loops or odometry against their ids: "
 VERTEX_TAGS = (b"VERTEX_SE2", b"VERTEX2")
 EDGE_TAGS = (b"EDGE_SE2", b"EDGE2")
@@ -29,13 +29,13 @@ _TAGS = {*VERTEX_TAGS, *EDGE_TAGS, *_LASERS}
 _VERTEX_FIELDS = ("id", "x", "y", "theta")
 _EDGE_FIELDS = ("id i", "id j", "x", "y", "theta", *(f"information entry {k}" for k in range(1, 7)))
 _LASER_LINES_AT_A_TIME = 4000
-# Where the six numbers of a line go in I11 I12 I13 I22 I23 I33.
+# The positions of a line's six numbers in I11 I12 I13 I22 I23 I33.
 _G2O_ORDER, _TORO_ORDER = (0, 1, 2, 3, 4, 5), (0, 1, 4, 2, 5, 3)
 
 
 @dataclass
 class _Lines:
-    """Lines of one kind: the text after the keyword, and the line number; or the numbers in all texts together."""
+    """Lines of one kind: the text after the keyword, and the line number; or the numbers of all lines together."""
 
     texts: list[bytes] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
@@ -103,9 +103,9 @@ def _laid(graph: PoseGraph, given: Int) -> PoseGraph:
 
 
 def _vertices_and_edges(data: bytes) -> _Content | None:
-    """A file of vertices and edges alone, as most public graphs are, all of it at once; None where anything is odd.
+    """A file with only vertices and edges, as most public graphs are, read all at once; None if anything is odd.
 
-    What is odd is told by the line: that is left to those who read line by line.
+    Errors must name the line, so odd files are left to the functions that read line by line.
     """
     tokens = tokenize_text(data if data.endswith(b"\n") else data + b"\n")
     counts = tokens.counts()
@@ -142,7 +142,7 @@ def _sort_lines(data: bytes, path: str | Path) -> _Content:
     for number, line in enumerate(data.split(b"\n"), 1):
         keyword, _, text = line.partition(b" ")
         if keyword not in _TAGS:
-            # Blanks before it, a tab behind it, or none of ours.
+            # Blanks before the keyword, a tab after it, or no keyword of ours.
             words = line[:24].split(None, 1)
             if not words:
                 continue
@@ -182,7 +182,7 @@ def _fields(lines: _Lines, names: tuple[str, ...], path: str | Path) -> Float:
 
 
 def _parsed(lines: _Lines, names: tuple[str, ...], path: str | Path) -> Float:
-    """The same out of their texts."""
+    """The same from their texts."""
     tokens = tokenize(lines.texts)
     counts = tokens.counts()
     wrong = counts != len(names)
@@ -209,7 +209,7 @@ def _whole(values: Float, lines: _Lines, path: str | Path) -> Int:
 
 
 def _refuse_twice(ids: Int, lines: _Lines, path: str | Path) -> None:
-    """Raises InputError where two vertices have the same id."""
+    """Raises InputError if two vertices have the same id."""
     order = np.argsort(ids, kind="stable")
     again = np.flatnonzero(np.diff(ids[order]) == 0)
     if len(again):
@@ -219,7 +219,7 @@ def _refuse_twice(ids: Int, lines: _Lines, path: str | Path) -> None:
 
 
 def _rows_of(ids: Int, wanted: Int) -> Int:
-    """The rows in ``ids`` at which the wanted ids stand, of the shape of ``wanted``; -1 for one that is not there."""
+    """The rows of the wanted ids in ``ids``, with the shape of ``wanted``; -1 for an id that is not there."""
     if not len(ids):
         return np.full(wanted.shape, -1, np.int64)
     order = np.argsort(ids, kind="stable")
@@ -231,8 +231,8 @@ def _rows_of(ids: Int, wanted: Int) -> Int:
 def _nodes(given: Int, named: Int) -> tuple[Int, Int, Int]:
     """The ids of all nodes, the row of each vertex of the file among them, and the edges by rows.
 
-    A node without a vertex is one that only edges name. Where the vertices stand by their ids, such a node stands
-    among them by its own; else such nodes follow the vertices.
+    A node without a vertex is one that only edges name. If the vertices are sorted by their ids, such a node is
+    inserted among them by its id; otherwise such nodes follow the vertices.
     """
     edges = _rows_of(given, named)
     if (edges >= 0).all():
@@ -271,7 +271,7 @@ def loops_by_ids(ids: Int, edges: Int) -> Bool:
 
 
 def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
-    """The edges that our own mark names, which also says of how many."""
+    """The edges that our own comment lists, which also holds their number."""
     named = _Lines()
     for text, number in zip(content.otherwise.texts, content.otherwise.numbers, strict=True):
         words, _, count = text.partition(b" of ")
@@ -291,7 +291,7 @@ def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
 
 
 def _fixed(content: _Content, ids: Int, path: str | Path) -> list[int]:
-    """Rows of the vertices that FIX lines name, of which there may be several in a line."""
+    """Rows of the vertices that FIX lines name; a line may name several."""
     named = _Lines()
     for text, number in zip(content.fixes.texts, content.fixes.numbers, strict=True):
         for word in text.split():
@@ -309,7 +309,7 @@ def _fixed(content: _Content, ids: Int, path: str | Path) -> list[int]:
 
 
 def _scans(content: _Content, row_of_vertex: Int, nodes: int, path: str | Path) -> tuple[Scans | None, Float | None]:
-    """A scan and a stamp a node: empty and nan where the file has none, None where it has none at all."""
+    """A scan and a stamp for each node: empty and nan for nodes without one, None if the file has none at all."""
     if not content.lasers.texts:
         return None, None
     owner = row_of_vertex[np.array(content.laser_vertex)]
@@ -335,7 +335,7 @@ def _scans(content: _Content, row_of_vertex: Int, nodes: int, path: str | Path) 
 
 
 def _spread(scans: Scans, owner: Int, nodes: int) -> Scans:
-    """The scans given to their nodes, the other nodes with none; they are in the order of the nodes."""
+    """The scans assigned to their nodes, in the order of the nodes; the other nodes have an empty scan."""
     counts = np.zeros(nodes, np.int64)
     counts[owner] = np.diff(scans.offsets)
     index = np.zeros(nodes, np.int32)

@@ -1,4 +1,4 @@
-"""Pose graphs into text: g2o's lines or TORO's."""
+"""Pose graphs to text: g2o's lines or TORO's."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mapmend.io.laser_text import numbers, robot_laser_lines
 from mapmend.io.output import write_whole
 from mapmend.scan import Scans
 
-# By format: the words before a node and an edge, and the order of the information's entries (row-major).
+# By format: the keywords of a node and an edge, and the order of the information's entries (row-major).
 _LINES = {
     "g2o": ("VERTEX_SE2", "EDGE_SE2", (0, 1, 2, 4, 5, 8)),  # I11 I12 I13 I22 I23 I33
     "toro": ("VERTEX2", "EDGE2", (0, 1, 4, 8, 2, 5)),  # I11 I12 I22 I33 I13 I23
@@ -31,7 +31,7 @@ def write_graph(target: str | Path | IO[str], graph: PoseGraph, form: str) -> No
 
 
 def graph_text(graph: PoseGraph, form: str) -> bytes:
-    """The file's content: vertices each followed by its scan, then the edges, all to the last bit; marks last."""
+    """The file's content: vertices each followed by its scan, then the edges, all to the last bit; comments last."""
     vertex_word, edge_word, order = _LINES[form]
     lines = []
     scan_lines = _scan_lines(graph)
@@ -43,7 +43,7 @@ def graph_text(graph: PoseGraph, form: str) -> bytes:
     information = graph.information.reshape(-1, 9)[:, order]
     for (i, j), z, six in zip(graph.ids[graph.edges].tolist(), graph.measurements, information, strict=True):
         lines.append(f"{edge_word} {i} {j} {numbers(z)} {numbers(six)}".encode())
-    # Other readers stop at what they do not know: GTSAM's takes no edge behind it.
+    # Other readers stop at a line that they do not know: GTSAM's reads no edge after it.
     if graph.fixed and graph.fixed != (0,):
         lines += [f"FIX {ids[k]}".encode() for k in graph.fixed]
     lines.append(EXACT_MARK)

@@ -1,4 +1,4 @@
-"""What a file holds, and what is odd about it: the ground of ``mapmend info``."""
+"""What a file holds, and what is odd about it: the content of ``mapmend info``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_LINES = 40
 
 @dataclass(frozen=True)
 class FileInfo:
-    """``kind`` and ``facts`` of a file, keys with their units; ``notes`` say what is odd. Facts are fit for JSON."""
+    """``kind`` and ``facts`` of a file, keys with their units; ``notes`` say what is odd. Facts are ready for JSON."""
 
     path: str
     kind: str
@@ -37,7 +37,7 @@ class FileInfo:
         return {"path": self.path, "kind": self.kind, **self.facts, "notes": list(self.notes)}
 
     def lines(self) -> list[str]:
-        """The same for people: angles in degrees, one fact a line."""
+        """The same as text: angles in degrees, one fact on each line."""
         lines = [f"{self.path}: {self.kind}"]
         for key, value in self.facts.items():
             if key in _LISTS:
@@ -48,13 +48,13 @@ class FileInfo:
 
 
 def _list_lines(key: str, rows: list[dict[str, Any]]) -> list[str]:
-    """A line each, the first few; a laser that never turns at the same speed has a geometry a scan."""
+    """One line for each of the first few; a laser whose speed varies has a new geometry with every scan."""
     lines = [_LISTS[key](row) for row in rows[:_MOST_LINES]]
     return lines + ([f"  {len(rows) - _MOST_LINES} more {key}"] if len(rows) > _MOST_LINES else [])
 
 
 def describe(path: str | Path, lenient: bool = False, bag: BagOptions | None = None) -> FileInfo:
-    """Read a file, a ROS bag or a RUN folder, and say what it holds; raises InputError for what can't be read."""
+    """Read a file, a ROS bag or a RUN folder, and say what it holds; raises InputError if it cannot be read."""
     if bag_kind(path) is not None:
         return _describe_bag(path, lenient, bag)
     if Path(path).is_dir() and (Path(path) / "run.json").is_file():
@@ -65,7 +65,7 @@ def describe(path: str | Path, lenient: bool = False, bag: BagOptions | None = N
 
 
 def _describe_bag(path: str | Path, lenient: bool, bag: BagOptions | None) -> FileInfo:
-    """A bag's topics and frames; and of its log what of a log, or why there is none yet."""
+    """A bag's topics and frames; and the facts of its log, or the reason why there is none yet."""
     facts, notes = describe_bag(path)
     try:
         log = describe_content(read(path, lenient, bag), path)
@@ -75,7 +75,7 @@ def _describe_bag(path: str | Path, lenient: bool, bag: BagOptions | None) -> Fi
 
 
 def describe_content(content: Content, path: str | Path = "") -> FileInfo:
-    """The same for what has already been read."""
+    """The same for content that has already been read."""
     place = str(path)
     if isinstance(content, ScanLog):
         return FileInfo(place, "log", _log_facts(content), tuple(map(str, content.notes)) + _log_notes(content))
@@ -175,11 +175,11 @@ def _map_facts(grid: OccupancyMap) -> dict[str, Any]:
 
 
 def components(graph: PoseGraph) -> int:
-    """How many parts the graph falls into that no edge joins."""
+    """The number of connected parts of the graph."""
     label = np.arange(len(graph))
     i, j = graph.edges.T
     while True:
-        # Each node takes the least label among its neighbours', and then the label of that label.
+        # Each node takes the least label of its neighbours, and then the label of that label.
         least = label.copy()
         np.minimum.at(least, i, label[j])
         np.minimum.at(least, j, label[i])

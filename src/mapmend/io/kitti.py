@@ -1,4 +1,4 @@
-"""Trajectories as the KITTI odometry benchmark and evo write them: a line a pose, the upper 3 x 4 of its matrix."""
+"""Trajectories in the format of the KITTI odometry benchmark and evo: each line the upper 3 x 4 of a pose's matrix."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _OFF_THE_PLANE = 0.1
 def read_kitti(path: str | Path) -> Float:
     """Poses x, y, yaw, shape (n, 3), of a file of twelve columns; raises InputError.
 
-    The poses must lie on the plane of x and y: those of KITTI's own files are a camera's, which looks along z.
+    The poses must be in the plane of x and y; those of KITTI's own files are those of a camera that looks along z.
     """
     values, lines = read_columns(read_bytes(path), _NAMES, path)
     rows = values.reshape(-1, 3, 4)

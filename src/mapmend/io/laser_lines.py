@@ -1,7 +1,7 @@
-"""FLASER, RLASER and ROBOTLASER lines into arrays: shared by the logs and by the graphs whose nodes carry scans.
+"""FLASER, RLASER and ROBOTLASER lines to arrays: used for logs and for graphs whose nodes carry scans.
 
-All lines of a block are parsed together. A line that does not fit is set aside; only for the error message is it
-looked at word by word (`explain`).
+All lines of a block are parsed together. A line that does not fit is set aside; it is parsed word by word only for the
+error message (`explain`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mapmend.io._decimals import Bool, Float, Int, Tokens, parse, tokenize
 
-FARTHEST_M = 1e9  # a coordinate beyond is no place on earth
-LATEST_S = 1e12  # a stamp beyond is not in seconds
+FARTHEST_M = 1e9  # a coordinate beyond this is no place on earth
+LATEST_S = 1e12  # a stamp beyond this is not in seconds
 _HEADER = (
     "laser type",
     "start angle",
@@ -37,7 +37,7 @@ _TAIL = 3  # ipc_timestamp, host, logger_timestamp
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the fields of a line stand: ``FLASER`` has none before the beam count, ``ROBOTLASER`` seven."""
+    """The positions of a line's fields: ``FLASER`` has none before the beam count, ``ROBOTLASER`` seven."""
 
     before_count: tuple[str, ...]
     has_remissions: bool
@@ -60,8 +60,8 @@ class LaserRows:
 
     ``lines``: int64 (k,), line numbers. ``channel``: int32 (k,), which laser, as the caller counts them.
     ``header``: (k, 4), first angle, field of view, increment (rad), maximum range (m), nan for FLASER.
-    ``counts``: int64 (k,). ``readings``: float32 (sum of counts,), metres as they stand. ``laser``, ``robot``: (k, 3).
-    ``stamps_s``: (k,), nan where the line ends before its time.
+    ``counts``: int64 (k,). ``readings``: float32 (sum of counts,), metres as in the file. ``laser``, ``robot``: (k, 3).
+    ``stamps_s``: (k,), nan if the line ends before its time.
     """
 
     lines: Int
@@ -88,7 +88,7 @@ class LaserRows:
 
 @dataclass
 class Odd:
-    """What `parse_laser_lines` left out or changed."""
+    """The lines that `parse_laser_lines` left out or changed."""
 
     bad: list[int]  # positions, in the list of texts, of the lines left out
     masked_readings: int = 0  # nan, infinite or negative readings made nan
@@ -96,7 +96,7 @@ class Odd:
 
 
 def concatenate(parts: list[LaserRows]) -> LaserRows:
-    """All rows, those of the same file in the order of their lines."""
+    """All rows; those of the same file in the order of their lines."""
     joined = LaserRows(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(LaserRows)})
     if np.all(np.diff(joined.lines) > 0):
         return joined
@@ -104,7 +104,7 @@ def concatenate(parts: list[LaserRows]) -> LaserRows:
 
 
 def ragged(starts: Int, counts: Int) -> Int:
-    """The indices ``starts[k] .. starts[k] + counts[k]`` for all k, end to end."""
+    """The indices ``starts[k] .. starts[k] + counts[k]`` for all k, concatenated."""
     offsets = np.cumsum(counts) - counts
     return np.arange(int(counts.sum())) + np.repeat(starts - offsets, counts)
 
@@ -112,9 +112,9 @@ def ragged(starts: Int, counts: Int) -> Int:
 def parse_laser_lines(
     layout: Layout, texts: list[bytes], lines: list[int], channel: list[int], mask_readings: bool = False
 ) -> tuple[LaserRows, Odd]:
-    """Parse lines whose keyword has been cut off, each with its number and its laser.
+    """Parse lines without their keyword, each with its number and its laser.
 
-    With ``mask_readings`` a reading that is nan, infinite or negative becomes nan; else its line is left out.
+    With ``mask_readings`` a reading that is nan, infinite or negative becomes nan; otherwise its line is left out.
     """
     tokens = tokenize(texts)
     counts, remissions, good = _counts(tokens, layout)
@@ -134,7 +134,7 @@ def parse_laser_lines(
 
 
 def _counts(tokens: Tokens, layout: Layout) -> tuple[Int, Int, Bool]:
-    """Each line's beam and remission counts, and which lines have as many words as these ask for."""
+    """Each line's beam and remission counts, and which lines have the number of words that follows from these."""
     words = tokens.counts()
     counts, good = _whole_numbers(tokens, np.full(len(words), len(layout.before_count)))
     remissions = np.zeros_like(counts)
@@ -146,7 +146,7 @@ def _counts(tokens: Tokens, layout: Layout) -> tuple[Int, Int, Bool]:
 
 
 def _whole_numbers(tokens: Tokens, position: Int) -> tuple[Int, Bool]:
-    """The counts that stand at a position of each line, 0 where none that could be true of the line stands there."""
+    """The counts at a position of each line, 0 where there is none that could be true of the line."""
     words = tokens.counts()
     there = np.flatnonzero(position < words)
     values, valid = parse(tokens, (tokens.first[:-1] + position)[there])
@@ -160,7 +160,7 @@ def _whole_numbers(tokens: Tokens, position: Int) -> tuple[Int, Bool]:
 def _values(
     tokens: Tokens, layout: Layout, counts: Int, remissions: Int, *, lines: Int, channel: list[int], mask_readings: bool
 ) -> tuple[LaserRows, Bool, Odd]:
-    """The numbers of lines that have the right number of words, and which of the lines are usable."""
+    """The numbers in lines that have the right number of words, and which of the lines are usable."""
     first, after = tokens.first[:-1], tokens.first[1:]
     has_time = tokens.counts() > layout.words_needed(counts, remissions)
     values, good = _numbers(tokens, has_time)
@@ -183,7 +183,7 @@ def _values(
 
 
 def _numbers(tokens: Tokens, has_time: Bool) -> tuple[Float, Bool]:
-    """The value of every word but the host and the logger's time (nan), and which lines hold nothing but numbers."""
+    """The value of every word, nan for the host and the logger's time, and which lines have only numbers elsewhere."""
     used = np.ones(len(tokens.starts), np.bool_)
     last = tokens.first[1:][has_time] - 1
     used[last] = used[last - 1] = False
@@ -196,7 +196,7 @@ def _numbers(tokens: Tokens, has_time: Bool) -> tuple[Float, Bool]:
 
 
 def _mask_readings(readings: Float, counts: Int, lines: Int, good: Bool, mask: bool) -> Odd:
-    """Unusable readings become nan, or else (in ``good``, in place) make their lines unusable."""
+    """Unusable readings become nan, or otherwise make their lines unusable (in ``good``, in place)."""
     unusable = np.flatnonzero(~((readings >= 0.0) & np.isfinite(readings)))
     if not len(unusable):
         return Odd([])
@@ -216,7 +216,7 @@ def _no_rows() -> LaserRows:
 
 
 def explain(layout: Layout, text: bytes) -> str:
-    """What is wrong with a line that `parse_laser_lines` left out."""
+    """The reason why `parse_laser_lines` left a line out."""
     words = text.split()
     at = len(layout.before_count)
     if len(words) <= at:
@@ -271,5 +271,5 @@ def _explain_words(layout: Layout, words: list[bytes], tail: list[bytes], count:
 
 
 def _shown(word: bytes) -> str:
-    """A word of the file, short enough and safe for one line of a message."""
+    """A word of the file, shortened and escaped for one line of a message."""
     return ascii(word[:24].decode("latin-1"))

@@ -13,21 +13,21 @@ from mapmend.io.laser_lines import LaserRows
 from mapmend.io.no_return import no_return_limit_m
 from mapmend.scan import LaserGeometry, Scans
 
-EXACT_MARK = b"# mapmend: maximum ranges are exact"  # stands in our own files: nothing has to be guessed
+EXACT_MARK = b"# mapmend: maximum ranges are exact"  # in our own files: nothing has to be guessed
 _SAME_M, _SAME_RAD = 1e-3, 1e-3
 _QUARTER_DEGREE = np.pi / 720.0
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One laser of a file: where it sits, and what the file claims that it sees at most (None: nothing)."""
+    """One laser of a file: its mounting, and the greatest range that the file claims (None: no claim)."""
 
     mounting: tuple[float, float, float]
     claimed_max_m: float | None = None
 
 
 def constant_mounting(robot: Float, laser: Float) -> tuple[float, float, float] | None:
-    """The laser's pose on the robot where it is the same, to 1 mm and 1 mrad, in all rows of (n, 3); else None.
+    """The laser's pose on the robot if it is the same, to 1 mm and 1 mrad, in all rows of (n, 3); otherwise None.
 
     Rounded to what the spread of the rows supports: positions written with six decimals give 0.22, not 0.219999.
     """
@@ -49,7 +49,7 @@ def _decimals(spread: float) -> int:
 
 
 def exact_angles(angles_rad: Float) -> Float:
-    """Angles that were printed with six decimals, back on the multiples of a quarter degree that they stand for."""
+    """Angles that were printed with six decimals, restored to the multiples of a quarter degree that they stand for."""
     printed = np.abs(angles_rad * 1e6 - np.rint(angles_rad * 1e6)) < 1e-6
     quarter = np.rint(angles_rad / _QUARTER_DEGREE) * _QUARTER_DEGREE
     return np.where(printed & (np.abs(angles_rad - quarter) < 1e-6), quarter, angles_rad)
@@ -58,8 +58,8 @@ def exact_angles(angles_rad: Float) -> Float:
 def build_scans(rows: LaserRows, angles: Float, channels: dict[int, Channel], exact: bool) -> Scans:
     """Scans of the rows; ``angles``: (k, 2), first angle and increment.
 
-    The greatest range is the row's own claim or its channel's. With ``exact`` that claim is all that counts; else the
-    readings have a say (`no_return_limit_m`). Zero readings become nan.
+    The greatest range is the claim of the row or of its channel. With ``exact`` only that claim counts; otherwise the
+    readings count too (`no_return_limit_m`). Zero readings become nan.
     """
     claimed = np.array([np.nan if (c := channels[k].claimed_max_m) is None else c for k in sorted(channels)])
     position = np.searchsorted(sorted(channels), rows.channel)

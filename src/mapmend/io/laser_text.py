@@ -1,4 +1,4 @@
-"""Scans into ROBOTLASER lines: what CARMEN logs, g2o and TORO graphs share when they are written."""
+"""Scans to ROBOTLASER lines, for writing CARMEN logs, g2o and TORO graphs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ACCURACY_M = 0.01
 
 
 def numbers(values: Float) -> str:
-    """Numbers as they are in memory, the shortest text that reads back the same."""
+    """Numbers as text: the shortest decimals that are read back to the same bits."""
     return " ".join(map(repr, values.tolist()))
 
 
@@ -34,7 +34,7 @@ def robot_laser_lines(
 ) -> list[bytes]:
     """A ROBOTLASER line for each of the given rows; ``poses``: (n, 3), the robot's, for all rows.
 
-    Lasers that are mounted differently get keywords of their own. Raises OutputError for more than nine of them.
+    Lasers that are mounted differently get separate keywords. Raises OutputError for more than nine of them.
     """
     texts = readings(scans, least_decimals)
     keywords = _keywords(scans.geometries)

@@ -1,4 +1,4 @@
-"""Occupancy maps as nav2 reads them: a PGM picture, row 0 at the top, and a YAML page that places it."""
+"""Occupancy maps as nav2 reads them: a PGM picture, row 0 at the top, and a YAML file with its place."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def write_pgm(path: str | Path, picture: Image) -> None:
 
 
 def read_map(path: str | Path) -> OccupancyMap:
-    """Read a map by its YAML page, the picture beside it; raises InputError."""
+    """Read a map by its YAML file, with the picture beside it; raises InputError."""
     return parse_map(read_bytes(path), path)
 
 
 def parse_map(data: bytes, path: str | Path) -> OccupancyMap:
-    """The same for the page's bytes, already read."""
+    """The same for the bytes of the YAML file, already read."""
     page = _read_page(decode(data, path))
     if "image" not in page:
         raise InputError(path, "names no image", "add a line such as image: map.pgm")
@@ -79,7 +79,7 @@ def parse_pgm(data: bytes, path: str | Path) -> Image:
 
 
 def _pgm_header(data: bytes, path: str | Path) -> tuple[tuple[int, int, int], int]:
-    """Columns, rows, greatest value, and where the cells begin; comments may stand between any two."""
+    """Columns, rows, greatest value, and the start of the cells; there may be comments between any two."""
     numbers: list[int] = []
     at = 2
     while len(numbers) < 3:
@@ -104,7 +104,7 @@ def _plain_cells(text: bytes, path: str | Path) -> Image:
 
 
 def _read_page(text: str) -> dict[str, str]:
-    """The page's ``key: value`` lines; nav2 needs no more of YAML than that, and an origin in brackets or dashes."""
+    """The ``key: value`` lines of the YAML file; nav2 needs only these, and an origin in brackets or dashes."""
     page: dict[str, str] = {}
     last = ""
     for line in text.split("\n"):

@@ -1,4 +1,4 @@
-"""Which readings of a laser mean that nothing came back."""
+"""Which readings of a laser mean no return."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from numpy.typing import NDArray
 # A SICK laser in centimetre mode reports 13 bits, of which 8183 (beyond the maximum) to 8191 (invalid) are codes.
 SICK_FIRST_CODE_M = 81.83
 SICK_LAST_CODE_M = 81.91
-SICK_MAX_RANGE_M = 80.0  # what its maker promises at most
+SICK_MAX_RANGE_M = 80.0  # the greatest range in its data sheet
 
 _EDGE = 0.005  # half a centimetre: the readings' own resolution, and the width of a bin to either side
 _LEAST_READINGS = 1000
 _LEAST_COUNT = 30
 _TOO_OFTEN = 20.0  # times as often as other far readings
 _CODES_APART_BINS = 6  # lasers with 5 cm steps report their codes 5 cm apart
-_MOST_SHARE = 0.9  # what all beams read is rather a wall
-_FAR = 0.98  # a sentinel lies within this share of the largest reading
+_MOST_SHARE = 0.9  # a value that nearly all beams read is rather a wall
+_FAR = 0.98  # the value for "no return" is within this share of the largest reading
 
 
 def no_return_limit_m(ranges_m: NDArray[np.float32], claimed_max_m: float | None) -> float:
     """The least reading that is no return, in metres, from all the readings of one laser, shape (total,).
 
-    The lowest of: what the file claims; the codes of a SICK laser, if no reading lies beyond them; the largest reading,
-    if it and its neighbours come up far too often (`frequent_maximum_m`); 80 m where none of these says anything.
+    The lowest of: the limit that the file claims; the codes of a SICK laser, if no reading is beyond them; the largest
+    reading, if it and its neighbours occur far too often (`frequent_maximum_m`); 80 m if none of these gives a limit.
     """
     limits = [] if claimed_max_m is None else [claimed_max_m]
     finite = ranges_m[np.isfinite(ranges_m)]
@@ -39,11 +39,11 @@ def no_return_limit_m(ranges_m: NDArray[np.float32], claimed_max_m: float | None
 
 
 def frequent_maximum_m(finite_m: NDArray[np.float32]) -> float | None:
-    """The least reading of the cluster at the top of the histogram that no wall explains, or None.
+    """The least reading of the cluster at the top of the histogram, if no wall explains it, or None.
 
     In centimetre bins: the fullest bin within 2 % of the largest reading must hold at least 30 readings and 20 times
-    the median of the occupied bins in the upper half (or stand there alone), yet not nine tenths of all. Full bins up
-    to 6 cm below belong to it, and the bin that touches the lowest.
+    the median of the occupied bins in the upper half (or be the only one there), but not nine tenths of all. Full bins
+    up to 6 cm below belong to it, and the bin next to the lowest of these.
     """
     if len(finite_m) < _LEAST_READINGS:
         return None
@@ -67,7 +67,7 @@ def frequent_maximum_m(finite_m: NDArray[np.float32]) -> float | None:
 
 
 def _full_bin_below(bins: NDArray[np.int64], lowest: int, enough: float) -> int | None:
-    """The next bin, at most the codes' distance below, that is itself far too full."""
+    """The next bin below, at most the distance of the codes away, that is far too full as well."""
     for k in range(lowest - 1, max(lowest - 1 - _CODES_APART_BINS, 0), -1):
         if bins[k] >= enough:
             return k

@@ -1,4 +1,4 @@
-"""A log from a file or ROS bag; anything else that the file holds is refused by what it is."""
+"""A log from a file or ROS bag; for other content, the error says what the file holds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mapmend.scan import ScanLog
 def read_log(
     path: str | Path, lenient: bool = False, bag: BagOptions | None = None, progress: Progress = no_progress
 ) -> ScanLog:
-    """The log in a file or ROS bag; raises InputError, saying what the file holds where it is no log."""
+    """The log in a file or ROS bag; raises InputError that says what the file holds if it is no log."""
     content = read(path, lenient, bag, progress)
     if not isinstance(content, ScanLog):
         raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log or a ROS bag")

@@ -1,4 +1,4 @@
-"""One way in for all files: what a file holds is told by its content, not by its name."""
+"""One entry for all files: the format is recognized by the content, not by the name."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Picture: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 Table: TypeAlias = Float
 Content: TypeAlias = ScanLog | PoseGraph | Trajectory | Relations | OccupancyMap | Picture | Table
 
-_LOOKED_AT = 1 << 16  # bytes; more only where all of them are comments or parameters
+_LOOKED_AT = 1 << 16  # bytes; more only if all of them are comments or parameters
 _MEND = "name a CARMEN log, a ROS bag, a g2o or TORO graph, a TUM trajectory, relations, or a nav2 map"
 _LOG_WORDS = ("FLASER", "RLASER", "ROBOTLASER", "ODOM", "PARAM", "SYNC", "RAWLASER", "TRUEPOS", "NMEA")
 _GRAPH_WORDS = ("VERTEX", "EDGE", "FIX")
@@ -44,7 +44,8 @@ def read(
     """Read a log, ROS bag, graph, trajectory, relations, map, PGM picture or table of numbers, plain or packed.
 
     ``lenient`` leaves unusable lines of a log out instead of refusing it. ``bag`` chooses topics of a ROS bag. A table
-    (such as ``t, x, y, theta``) comes as an array (n, columns). Raises InputError naming file, line and mend.
+    (such as ``t, x, y, theta``) is returned as an array (n, columns). Raises InputError that names file, line and what
+    to do.
     """
     if bag_kind(path) is not None:
         from mapmend.io.bags.read import read_bag
@@ -68,10 +69,10 @@ def read(
 
 
 def recognise(data: bytes, path: str | Path) -> str:
-    """What the bytes are: ``log``, ``graph``, ``trajectory``, ``relations``, ``map``, ``picture`` or ``table``.
+    """The kind of content: ``log``, ``graph``, ``trajectory``, ``relations``, ``map``, ``picture`` or ``table``.
 
-    The first line that is neither blank nor comment decides, or a scan further down. Eight columns are a trajectory
-    where the last four are a unit quaternion, else relations. Raises InputError for anything else, naming ``path``.
+    The first line that is neither blank nor a comment decides, or a scan farther down. Eight columns are a trajectory
+    if the last four are a unit quaternion, otherwise relations. Raises InputError with ``path`` for anything else.
     """
     if not data or data.isspace():
         raise InputError(path, "the file is empty", _MEND)
@@ -96,7 +97,7 @@ def recognise(data: bytes, path: str | Path) -> str:
 
 
 def _log_or_graph(data: bytes) -> str:
-    """A graph whose first line is a scan is damaged, but a graph all the same."""
+    """A graph whose first line is a scan is damaged, but it is still a graph."""
     return "graph" if b"\nVERTEX" in data[: _LOOKED_AT * 4] else "log"
 
 
@@ -121,14 +122,14 @@ def _numbers(line: bytes) -> list[float] | None:
 
 
 def _parse_table(data: bytes, path: str | Path) -> Table:
-    """Numbers in columns, blanks or commas between them, as many in each line as in the first."""
+    """Numbers in columns, separated by blanks or commas, as many in each line as in the first."""
     plain = data.replace(b",", b" ")
     columns = len((_first_line(plain) or b"").split())
     return read_columns(plain, tuple(f"column {k}" for k in range(1, columns + 1)), path)[0]
 
 
 def read_run(folder: str | Path) -> tuple[Trajectory, PoseGraph | None]:
-    """The trajectory and the graph (None where there is none) of a RUN folder; raises InputError."""
+    """The trajectory and the graph (None if there is none) of a RUN folder; raises InputError."""
     trajectory = Path(folder) / "trajectory.tum"
     graph = Path(folder) / "graph.g2o"
     if not trajectory.is_file():

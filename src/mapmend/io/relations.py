@@ -16,7 +16,7 @@ _FIELDS = ("t1", "t2", "x", "y", "z", "roll", "pitch", "yaw")
 
 @dataclass(frozen=True)
 class Relations:
-    """n relations: ``relative_poses[k]``, shape (n, 3), is the pose at ``t2_s[k]`` seen from that at ``t1_s[k]``."""
+    """n relations: ``relative_poses[k]``, shape (n, 3), is the pose at ``t2_s[k]`` relative to that at ``t1_s[k]``."""
 
     t1_s: Float
     t2_s: Float
@@ -27,7 +27,7 @@ class Relations:
 
 
 def read_relations(path: str | Path) -> Relations:
-    """Read a file of lines ``t1 t2 x y z roll pitch yaw``; raises InputError naming file and line."""
+    """Read a file of lines ``t1 t2 x y z roll pitch yaw``; raises InputError that names file and line."""
     return parse_relations(read_bytes(path), path)
 
 

@@ -17,5 +17,5 @@ def read_toro(path: str | Path) -> PoseGraph:
 
 
 def write_toro(target: str | Path | IO[str], graph: PoseGraph) -> None:
-    """Write a graph as TORO reads it, with its scans; raises OutputError where the file can't be written."""
+    """Write a graph as TORO reads it, with its scans; raises OutputError if the file cannot be written."""
     write_graph(target, graph, "toro")

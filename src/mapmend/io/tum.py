@@ -18,7 +18,7 @@ _LEAST_DECIMALS = 6
 
 
 def read_tum(path: str | Path) -> Trajectory:
-    """Read a trajectory; of a pose in space the place on the plane and the yaw stay. Raises InputError."""
+    """Read a trajectory; of a 3D pose, the position in the plane and the yaw are kept. Raises InputError."""
     return parse_tum(read_bytes(path), path)
 
 

@@ -15,8 +15,8 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 def draw_grid(reaches, rays, ends, cell_m, half, grid):
     """Draws one scan into ``grid``, (2 half, 2 half), the laser at the corner between its four middle cells.
 
-    ``reaches``: (count,), how far its beams are free; ``rays``: (count, 2), where they point; ``ends``: (k, 2), its
-    end points. Beams free the cells in which their samples, half a cell apart, lie; end points occupy theirs.
+    ``reaches``: (count,), how far its beams are free; ``rays``: (count, 2), their directions; ``ends``: (k, 2), its
+    end points. Beams free the cells of their samples, half a cell apart; end points occupy theirs.
     """
     grid[:] = UNKNOWN
     for k in range(reaches.shape[0]):

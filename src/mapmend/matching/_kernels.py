@@ -1,4 +1,4 @@
-"""Kernels of scan matching: arrays in, arrays out. Their plain twins stand in tests/reference."""
+"""Kernels of scan matching: arrays in, arrays out. Their plain twins are in tests/reference."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mapmend.kernel_cache import kernel
 
 # A mean normal at least this long (squared) belongs to one flat surface; shorter ones to corners and clutter.
 COHERENT = 0.6
-# A post holds in every direction, but on the discrete mean of a cell: it counts for less. Other points on cells without
-# a direction hold in none: the far end of what is seen of a wall moves along with the robot.
+# A post constrains the pose in every direction, but with the discrete mean of a cell, so it counts less. Other points
+# on cells without a direction do not count: the far end of the visible part of a wall moves with the robot.
 CLUTTER_WEIGHT = 0.3
 # Cosine between the normals of a point and of a surface below which they are two sides of a thin wall.
 OTHER_SIDE = -0.3
-# A surface whose side is at least this was seen from that side only: what looks at it from behind is another wall.
+# A surface whose side is at least this was seen from one side only: a point that sees it from behind is another wall.
 ONE_SIDED = 0.8
 
 
@@ -30,7 +30,7 @@ def wrap(angle):
 def match_points(table, frame, arrays, points, start, prior, settings, result):
     """Gauss-Newton of one scan's points on the surfaces of a grid, from the pose ``start``.
 
-    ``prior`` (4, 3): its information along the map's axes, and below it the pose that it expects.
+    ``prior`` (4, 3): its information along the map's axes, and in the last row the expected pose.
     ``settings`` = (cell size, reach of a match m, distance m at which a point counts half, least standard
     deviation of a distance m, iterations, convergence m, how much wider reach and half-distance are at first).
     ``result``: written: x, y, theta, matched points (within half the reach), points in seen tiles, sum of
@@ -46,7 +46,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
     converged = False
     for iteration in range(last + 1):
         cos, sin = math.cos(theta), math.sin(theta)
-        # From the widest reach down to the final one, halving: far first, then exactly.
+        # From the widest reach down to the final one, halved each time: first far, then exact.
         widen = 1.0 + (settings[6] - 1.0) * 0.5**iteration if not converged else 1.0
         sigma = settings[2] * widen
         gate = (reach * widen) ** 2
@@ -108,7 +108,7 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
                 squares += w * d2
         if iteration == last or converged:
             break
-        # Where the surfaces are rough (leaves, people), a distance says less, and the prior more.
+        # Where the surfaces are rough (leaves, people), a distance counts less, and the prior more.
         if weights > 0.0:
             s2 = max(settings[3] * settings[3], squares / weights)
         px, py, pt = x - prior[3, 0], y - prior[3, 1], wrap(theta - prior[3, 2])
@@ -137,10 +137,11 @@ def match_points(table, frame, arrays, points, start, prior, settings, result):
 
 @kernel
 def score_points(table, frame, arrays, points, pose, settings, result):
-    """How points look in a grid at a pose: written are the numbers matched, contradicted, and never seen.
+    """Compares points with a grid at a pose; writes how many are matched, contradicted, and in cells never seen.
 
-    ``settings`` = (cell size, reach of a match m, reach of doubt m). A point is contradicted where it lies in seen free
-    space farther than the reach of doubt from any surface; between the two reaches it is neither.
+    ``settings`` = (cell size, reach of a match m, reach of doubt m). A point is contradicted if it is in free space
+    that was seen, farther than the reach of doubt from any surface. Between the two reaches it is neither matched nor
+    contradicted.
     """
     surface, _, evidence, nearest = arrays
     size = settings[0]
@@ -192,10 +193,10 @@ def search_poses(levels, points, centre, thetas, offsets, settings, best):
     ``points`` (n, 2+): robot frame. ``centre``: x, y in cells of the finest level. ``offsets`` (m, 2) int64: the
     corners of the blocks of whole-cell offsets to look through. ``settings`` = (cell size, score to beat, tie weight,
     prior theta, tie radius in cells and in rad, farthest offset in cells, level whose cells are as wide as the blocks).
-    A score is the mean likelihood of the points less the tie weight times the squared distance from the prior, which
-    stands at the centre, in tie radii, one at most: scores that the noise could have swapped go to the pose nearest the
-    prior, and a pose beyond the radius must be better by the whole weight, however far it is.
-    ``best``: written: score, dx, dy in cells, theta; the score stays what it was where nothing beats it.
+    A score is the mean likelihood of the points minus the tie weight times the squared distance from the prior, which
+    is at the centre, in units of the tie radii, limited to one. So of scores that differ by less than the noise, the
+    pose nearest to the prior wins, and a pose beyond the radius must be better by the whole weight, however far it is.
+    ``best``: written: score, dx, dy in cells, theta; the score stays as it was if no pose beats it.
     """
     n = points.shape[0]
     scale = 1.0 / (255.0 * n)

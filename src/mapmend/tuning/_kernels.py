@@ -13,7 +13,7 @@ from mapmend.kernel_cache import kernel
 
 @kernel
 def place_circles(lasers, circles, centres):
-    """The circles' middles in each map: ``centres`` (f, n, 2)."""
+    """The centres of the circles in each map: ``centres`` (f, n, 2)."""
     for f in range(lasers.shape[0]):
         for i in range(lasers.shape[1]):
             c, s = lasers[f, i, 2], lasers[f, i, 3]
@@ -23,17 +23,17 @@ def place_circles(lasers, circles, centres):
 
 @kernel
 def sampled_pairs(first, stride, centres, circles, found):
-    """How many pairs (i, j), i < j, of every ``stride``-th are such that their circles meet in any of the maps.
+    """The number of pairs (i, j), i < j, among every ``stride``-th, whose circles meet in any of the maps.
 
-    Of scan i's partners every ``stride``-th is taken, each scan from another one on. ``first`` = (the first i, the one
-    behind the last). ``found``: (k, 2), takes the pairs in order, where it is not empty.
+    Every ``stride``-th partner of scan i is taken, with another first partner for each scan. ``first`` = (the first i,
+    the end). The pairs are written into ``found``: (k, 2), in order, if it is not empty.
     """
     count = 0
     maps, n = centres.shape[0], centres.shape[1]
     for i in range(first[0], first[1]):
         if circles[i, 2] < 0.0:
             continue
-        # Multiples of a number that shares no factor with the stride's powers of two reach all its remainders evenly.
+        # The stride is a power of two: multiples of an odd number reach all its remainders evenly.
         for j in range(i + 1 + (i * 40503) % stride, n, stride):
             if circles[j, 2] < 0.0:
                 continue

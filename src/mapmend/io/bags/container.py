@@ -1,4 +1,4 @@
-"""The containers: ROS 1 bags, ROS 2 folders of sqlite3 or MCAP files, bare MCAP files; read through rosbags."""
+"""The containers: ROS 1 bags, ROS 2 folders of sqlite3 or MCAP files, single MCAP files; read through rosbags."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXTRA = "pip install 'mapmend[ros]'"
 
 ROS1, MCAP, SQLITE, FOLDER = "ROS 1 bag", "MCAP file", "ROS 2 database", "ROS 2 bag"
 
-LATEST_NS = 2**63 - 1  # what a damaged time is cut down to
+LATEST_NS = 2**63 - 1  # a damaged time is limited to this
 
 Message = tuple[str, int, bytes]
 """Topic, time of recording (ns), content."""
@@ -47,7 +47,7 @@ class Bag:
         return self.kind == ROS1
 
     def messages(self, names: Collection[str]) -> Iterator[Message]:
-        """The messages of the topics; where the file is damaged they end there, and a note says so."""
+        """The messages of the topics; if the file is damaged, they end there, and a note says so."""
         source = self.stream(names)
         count = 0
         while True:
@@ -55,7 +55,7 @@ class Bag:
                 topic, time_ns, raw = next(source)
             except StopIteration:
                 return
-            except Exception as error:  # whatever a damaged file makes of its reader
+            except Exception as error:  # a damaged file may raise anything in its reader
                 self.notes.append(Note(f"the bag is damaged, and read up to there: {reason(error)}"))
                 if not count:
                     raise InputError(self.path, f"is damaged: {reason(error)}", "copy or record it again") from None
@@ -65,7 +65,7 @@ class Bag:
 
 
 def bag_kind(path: str | Path) -> str | None:
-    """What kind of bag stands at ``path``, by its content; None for anything else."""
+    """The kind of bag at ``path``, by its content; None for anything else."""
     place = Path(path)
     try:
         if place.is_dir():
@@ -85,7 +85,7 @@ def storage_files(folder: Path) -> list[Path]:
 
 @contextmanager
 def open_bag(path: str | Path) -> Iterator[Bag]:
-    """The bag at ``path``; raises InputError where it can't be opened, MapmendError where rosbags is not installed."""
+    """The bag at ``path``; raises InputError if it cannot be opened, MapmendError if rosbags is not installed."""
     kind = bag_kind(path)
     if kind is None:
         raise InputError(path, "is no ROS bag", "name a .bag, a .mcap or a ROS 2 bag's folder")
@@ -95,7 +95,7 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
     reader = _reader(Path(path), kind)
     try:
         reader.open()
-    except Exception as error:  # rosbags' own errors, and what else a damaged file makes of it
+    except Exception as error:  # rosbags' own errors, and others that a damaged file causes
         yield _salvaged(Path(path), kind, reason(error))
         return
     try:
@@ -105,7 +105,7 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
 
 
 def _reader(path: Path, kind: str) -> Any:
-    """rosbags' reader for the kind; which of them it is follows from the content, not from the name."""
+    """rosbags' reader for the kind, which follows from the content, not from the name."""
     try:
         if kind == ROS1:
             from rosbags.rosbag1 import Reader as Reader1
@@ -121,7 +121,7 @@ def _reader(path: Path, kind: str) -> Any:
 
 
 def _salvaged(path: Path, kind: str, why: str) -> Bag:
-    """What can be read of a bag that can't be opened, with a note; raises InputError where that is nothing."""
+    """The readable part of a bag that cannot be opened, with a note; raises InputError if there is none."""
     files = storage_files(path) if kind == FOLDER else [path]
     kinds = {bag_kind(file) for file in files}
     found = None

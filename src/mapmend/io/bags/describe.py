@@ -1,4 +1,4 @@
-"""What a bag holds: topics with their rates and gaps, frames with what moves."""
+"""What a bag holds: topics with their rates and gaps, frames and which of them move."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mapmend.io.bags.read import TF_TYPES
 
 @dataclass
 class Times:
-    """When the messages of a topic were recorded."""
+    """The times at which the messages of a topic were recorded."""
 
     count: int = 0
     first_ns: int = 0
@@ -32,13 +32,13 @@ class Times:
         self.count += 1
 
     def rate_hz(self) -> float | None:
-        """Messages per second; None for fewer than two, or all at one time."""
+        """Messages per second; None for fewer than two messages, or if all have the same time."""
         duration_s = (self.last_ns - self.first_ns) * 1e-9
         return (self.count - 1) / duration_s if duration_s > 0.0 else None
 
 
 def describe_bag(path: str | Path) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Facts, fit for JSON, and what is odd; raises InputError for a bag that can't be opened."""
+    """Facts, ready for JSON, and notes on what is odd; raises InputError for a bag that cannot be opened."""
     with open_bag(path) as bag:
         times, frames = _walk(bag)
         topics = [_topic(bag, name, times[name]) for name in bag.topics]
@@ -85,14 +85,14 @@ def _frames(frames: Frames) -> list[dict[str, Any]]:
 
 
 def topic_line(topic: dict[str, Any]) -> str:
-    """One topic for people."""
+    """One topic as text."""
     rate, gap = topic["rate_hz"], topic["longest_gap_s"]
     speed = "" if rate is None else f", {rate:.1f} Hz, longest gap {gap:.2f} s"
     return f"  topic: {topic['name']} ({topic['type']}), {topic['messages']} messages{speed}"
 
 
 def frame_line(frame: dict[str, Any]) -> str:
-    """One transform for people."""
+    """One transform as text."""
     if frame["moves"]:
         return f"  frame: {frame['parent']} -> {frame['child']}, moves"
     x, y, z = frame["translation_m"]

@@ -1,4 +1,4 @@
-"""Sweeps of a moving robot, straightened: every beam as it would have been seen from where the sweep began."""
+"""De-skewing: the sweeps of a moving robot as they would look from the pose at the beginning of each sweep."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mapmend.scan import LaserGeometry, Note, Scans
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-_LEAST_M, _LEAST_RAD = 5e-4, 1e-4  # less motion within a sweep moves no reading by its noise
+_LEAST_M, _LEAST_RAD = 5e-4, 1e-4  # less motion within a sweep moves readings by less than their noise
 _SURFACE_GAP = 0.1  # neighbours that differ by more than this share of the range are two surfaces
 _LONGEST_SWEEP_S = 2.0
 
@@ -26,10 +26,10 @@ def deskewed(
     series: OdometrySeries | None,
     notes: list[Note],
 ) -> Scans:
-    """The scans as seen from the robot's pose at their stamps, the time of their first beam; same geometry.
+    """The scans from the robot's pose at their stamps, the time of their first beam; with the same geometry.
 
-    ``lasers``, one a geometry, say how long a beam takes. Within a sweep the motion is even. Changes
-    ``scans.ranges_m`` in place; notes say how many sweeps were straightened, or why none was.
+    ``lasers``, one for each geometry, give the time between beams. Within a sweep the motion is even. Changes
+    ``scans.ranges_m`` in place; notes say how many sweeps were de-skewed, or why none was.
     """
     if series is None:
         notes.append(Note("sweeps can't be de-skewed without odometry"))
@@ -53,24 +53,24 @@ def deskewed(
 
 
 def _duration_s(laser: Laser) -> float:
-    """From the first beam to the last; 0 where the message does not tell."""
+    """The time from the first beam to the last; 0 if the message does not give it."""
     duration = abs(laser.time_increment_s) * max(laser.beams - 1, 0)
     return duration if 0.0 < duration < _LONGEST_SWEEP_S else 0.0
 
 
 def _runs_clockwise(laser: Laser, mounting: Mounting) -> bool:
-    """Whether the beams were measured in the opposite order to that in which they now stand."""
+    """Whether the beams were measured in the opposite of their present order."""
     return (double_angle(laser.angle_increment_rad) < 0.0) != mounting.upside_down
 
 
 def _straight(
     readings: NDArray[np.float32], bearings: Float, geometry: LaserGeometry, motion: Float, backwards: bool
 ) -> NDArray[np.float32]:
-    """One sweep; ``motion``: the robot's pose at the last beam seen from that at the first."""
+    """One sweep; ``motion``: the robot's pose at the last beam relative to that at the first."""
     share = np.linspace(0.0, 1.0, len(readings))
     share = share[::-1] if backwards else share
     mounting = np.array(geometry.T_robot_laser)
-    # The laser at each beam, seen from the laser at the first.
+    # The laser's pose at each beam, relative to that at the first.
     T_laser = compose(inverse(mounting), compose(share[:, None] * motion, mounting))
     seen = np.isfinite(readings)
     directions: Float = bearings + T_laser[:, 2]
@@ -84,7 +84,8 @@ def _straight(
 
 
 def _resampled(directions: Float, distances: Float, bearings: Float, increment: float) -> NDArray[np.float32]:
-    """Distances along ``bearings``: on the segment between two neighbours of one surface, else the nearer's."""
+    """Distances along ``bearings``: to the segment between two neighbours on one surface, otherwise that of the
+    nearer."""
     order = np.argsort(directions, kind="stable")
     directions, distances = directions[order], distances[order]
     right = np.clip(np.searchsorted(directions, bearings), 1, len(directions) - 1)
@@ -93,7 +94,7 @@ def _resampled(directions: Float, distances: Float, bearings: Float, increment: 
     before, after = bearings - directions[left], directions[right] - bearings
     result = np.where(np.abs(before) <= np.abs(after), a, b)
     with np.errstate(invalid="ignore"):
-        one_surface = np.abs(a - b) <= _SURFACE_GAP * np.minimum(a, b)  # false for what saw nothing
+        one_surface = np.abs(a - b) <= _SURFACE_GAP * np.minimum(a, b)  # false for beams without a return
         inside = one_surface & (before >= 0.0) & (after >= 0.0) & (before + after > 1e-9)
         # Where the beam crosses the segment: the triangle's area is the sum of its two parts.
         area = a * np.sin(before) + b * np.sin(after)

@@ -1,4 +1,4 @@
-"""The tree of frames in a bag: which hang together, which move, and where a laser sits on its robot."""
+"""The tree of frames in a bag: which are connected, which move, and where a laser is mounted on its robot."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from mapmend.io.bags.messages import Transform, yaw_of
 Float = NDArray[np.float64]
 
 _SAME_M, _SAME_RAD = 1e-3, 1e-3
-_ROBOT_FRAMES = ("base_footprint", "base_link", "base")  # REP-105's names, where odometry names no frame
+_ROBOT_FRAMES = ("base_footprint", "base_link", "base")  # REP-105's names, used if the odometry names no frame
 
 
 class UnknownFrameError(MapmendError):
-    """Two frames that no chain of transforms joins."""
+    """Two frames without a chain of transforms between them."""
 
 
 @dataclass
 class Joint:
-    """One edge of the tree. What never changes is kept once; what moves, as x, y and yaw over time."""
+    """One edge of the tree. A constant transform is kept once, a moving one as x, y and yaw over time."""
 
     parent: str
     child: str
@@ -59,7 +59,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Mounting:
-    """A laser on its robot, on the plane: a laser that hangs upside down turns its beams the other way round."""
+    """A laser on its robot, in the plane: a laser that is mounted upside down scans in the opposite direction."""
 
     pose: tuple[float, float, float]
     upside_down: bool
@@ -101,18 +101,18 @@ class Frames:
         return chain
 
     def odometry_joint(self, frame: str) -> Joint | None:
-        """The edge above ``frame`` that tells how the robot moves: below a frame called odom, else the lowest that
-        moves; None where there is none."""
+        """The edge above ``frame`` that holds the robot's motion: the one below a frame called odom, otherwise the
+        lowest that moves; None if there is none."""
         above = [self.joints[name] for name in self.ancestors(frame) if name in self.joints]
         named = [joint for joint in above if "odom" in joint.parent.lower()]
         return next(iter(named + [joint for joint in above if joint.moves]), None)
 
     def robot_frame(self) -> str | None:
-        """The frame that is called as robots are by custom; None where there is none."""
+        """The frame with a usual name for a robot; None if there is none."""
         return next((name for name in _ROBOT_FRAMES if name in self), None)
 
     def fixed(self, target: str, source: str) -> Float:
-        """``T_target_source``, shape (4, 4); raises UnknownFrameError, and MapmendError where a part of it moves."""
+        """``T_target_source``, shape (4, 4); raises UnknownFrameError, and MapmendError if a part of it moves."""
         up, down = self.ancestors(target), self.ancestors(source)
         meeting = next((name for name in up if name in down), None)
         if meeting is None:
@@ -130,10 +130,10 @@ class Frames:
 
 
 def mounting_of(T_robot_laser: Float) -> Mounting:
-    """A laser's pose in space, shape (4, 4), on the plane."""
+    """A laser's 3D pose, shape (4, 4), in the plane."""
     rotation = T_robot_laser[:3, :3]
     tilt = float(np.arccos(np.clip(abs(rotation[2, 2]), 0.0, 1.0)))
-    # Three rotations multiplied leave a rounding error; a mounting has no 13th digit.
+    # The product of three rotations has a rounding error; a mounting has no 13th digit.
     x, y, yaw = np.round((*T_robot_laser[:2, 3], np.arctan2(rotation[1, 0], rotation[0, 0])), 12).tolist()
     yaw = float(np.copysign(np.pi, yaw)) if abs(abs(yaw) - np.pi) < 1e-11 else yaw
     return Mounting((x + 0.0, y + 0.0, yaw + 0.0), bool(rotation[2, 2] < 0.0), tilt)
@@ -145,12 +145,12 @@ def planar(rows: Float) -> Float:
 
 
 def plane_pose(T: Float) -> tuple[float, float, float]:
-    """x, y and yaw of a pose in space, shape (4, 4)."""
+    """x, y and yaw of a 3D pose, shape (4, 4)."""
     return float(T[0, 3]), float(T[1, 3]), float(np.arctan2(T[1, 0], T[0, 0]))
 
 
 def _differs(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    """Whether two transforms are apart by more than their rounding."""
+    """Whether two transforms differ by more than their rounding."""
     if max(abs(p - q) for p, q in zip(a[:3], b[:3], strict=True)) > _SAME_M:
         return True
     same = abs(sum(p * q for p, q in zip(a[3:], b[3:], strict=True)))
@@ -158,7 +158,7 @@ def _differs(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
 
 
 def _matrix(numbers: tuple[float, ...]) -> Float:
-    """A translation and a quaternion ``x y z w`` as a matrix; one without length turns nothing."""
+    """A translation and a quaternion ``x y z w`` as a matrix; a quaternion of length zero is no rotation."""
     x, y, z, w = numbers[3:]
     T = np.eye(4)
     T[:3, 3] = numbers[:3]

@@ -27,7 +27,8 @@ class OdometrySeries:
         return cls(stamps_ns[order], poses[order])
 
     def at(self, stamps_ns: Int) -> Float:
-        """The poses at the given times, shape (k, 3): interpolated, and before the first and after the last held."""
+        """The poses at the given times, shape (k, 3): interpolated, and constant before the first and after the
+        last."""
         after = np.clip(np.searchsorted(self.stamps_ns, stamps_ns, side="right"), 1, max(len(self.stamps_ns) - 1, 1))
         before = np.minimum(after - 1, len(self.stamps_ns) - 1)
         after = np.minimum(after, len(self.stamps_ns) - 1)
@@ -36,10 +37,10 @@ class OdometrySeries:
         return interpolate(self.poses[before], self.poses[after], share)
 
     def at_scans(self, stamps_ns: Int) -> Float:
-        """The same for scans in the order of recording: a message of a scan's very stamp is its odometry.
+        """The same for scans in the order of recording: a message with exactly the scan's stamp is its odometry.
 
-        The k-th of the scans that share a stamp takes the k-th message of that stamp: clocks repeat themselves, and
-        interpolation would give all of them one pose.
+        The k-th of the scans with one stamp takes the k-th message of that stamp: clocks may repeat a stamp, and
+        interpolation would give all of these scans the same pose.
         """
         poses = self.at(stamps_ns)
         first = np.searchsorted(self.stamps_ns, stamps_ns, side="left")
@@ -50,7 +51,7 @@ class OdometrySeries:
         return poses
 
     def outside_s(self, stamps_ns: Int) -> Float:
-        """How far each time lies before the first or after the last message, in seconds, shape (k,)."""
+        """How far each time is before the first or after the last message, in seconds, shape (k,)."""
         early, late = self.stamps_ns[0] - stamps_ns, stamps_ns - self.stamps_ns[-1]
         return np.maximum(np.maximum(early, late), 0) * 1e-9
 

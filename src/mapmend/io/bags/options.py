@@ -1,4 +1,4 @@
-"""What a person chooses about a bag."""
+"""The user's choices for a bag."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Topics and frame by name, None where the bag leaves one choice; ``deskew`` straightens sweeps."""
+    """Topics and frame by name, None if the bag has only one of the kind; ``deskew``: whether sweeps are de-skewed."""
 
     scan_topic: str | None = None
     odom_topic: str | None = None

@@ -1,4 +1,4 @@
-"""From a bag to a log: choose the topics, gather scans, odometry and frames in one pass, put the laser on its robot."""
+"""From a bag to a log: choose topics, collect scans, odometry and frames in one pass, find the laser's mounting."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _TILT_RAD, _MOST_TILT_RAD = np.deg2rad(3.0), np.deg2rad(30.0)
 
 @dataclass
 class Gathered:
-    """What one pass over the messages leaves."""
+    """The result of one pass over the messages."""
 
     sweeps: Sweeps
     frames: Frames = field(default_factory=Frames)
@@ -59,9 +59,9 @@ class Gathered:
 def read_bag(
     path: str | Path, options: BagOptions | None = None, lenient: bool = False, progress: Progress = no_progress
 ) -> ScanLog:
-    """The log in a bag; raises InputError naming what is wrong and what to choose.
+    """The log in a bag; raises InputError that says what is wrong and what to choose.
 
-    ``lenient`` leaves messages out that can't be decoded.
+    ``lenient`` leaves out messages that cannot be decoded.
     """
     chosen = options or BagOptions()
     with open_bag(path) as bag:
@@ -79,7 +79,7 @@ def read_bag(
 
 
 def choose_scan_topic(bag: Bag, options: BagOptions) -> str:
-    """The topic of the laser: as asked, or the only one; raises InputError listing them."""
+    """The topic of the laser: the chosen one, or the only one; raises InputError that lists them."""
     found = [topic for topic in bag.topics.values() if topic.type == SCAN_TYPE and topic.count]
     if not found and options.scan_topic is None:
         what = f"holds no sensor_msgs/LaserScan; it holds {_listed(list(bag.topics.values()), types=True)}"
@@ -88,7 +88,7 @@ def choose_scan_topic(bag: Bag, options: BagOptions) -> str:
 
 
 def choose_odometry_topic(bag: Bag, options: BagOptions) -> str | None:
-    """The topic of the odometry: as asked, the only Odometry topic, /tf, or None where there is neither."""
+    """The topic of the odometry: the chosen one, the only Odometry topic, /tf, or None if there is none of these."""
     found = [topic for topic in bag.topics.values() if topic.type == ODOMETRY_TYPE and topic.count]
     transforms = [topic for topic in bag.topics.values() if topic.type in TF_TYPES and topic.count]
     if options.odom_topic in {topic.name for topic in transforms}:
@@ -117,7 +117,7 @@ def _listed(topics: list[Topic], types: bool = False) -> str:
 
 
 def gather(bag: Bag, scan_topic: str, odometry_topic: str | None, lenient: bool, progress: Progress) -> Gathered:
-    """One pass over the bag: what is not asked for is not even unpacked where the container has an index."""
+    """One pass over the bag: if the container has an index, other topics are not even unpacked."""
     gathered = Gathered(Sweeps(bag.topics[scan_topic].count))
     transforms = {topic.name for topic in bag.topics.values() if topic.type in TF_TYPES}
     names = transforms | {name for name in (scan_topic, odometry_topic) if name in bag.topics}
@@ -177,7 +177,7 @@ def _assemble(gathered: Gathered, bag: Bag, odometry_topic: str | None, options:
 
 
 def _check_frame(gathered: Gathered, bag: Bag, options: BagOptions) -> None:
-    """Raises InputError where a frame is asked for that the bag does not know."""
+    """Raises InputError if the chosen frame is not in the bag."""
     if options.base_frame is None:
         return
     known = {*gathered.frames.names(), gathered.odometry_child, *(laser.frame for laser in gathered.sweeps.lasers)}
@@ -189,7 +189,7 @@ def _check_frame(gathered: Gathered, bag: Bag, options: BagOptions) -> None:
 def _odometry(
     gathered: Gathered, topic: str | None, options: BagOptions, notes: list[Note]
 ) -> tuple[OdometrySeries | None, str | None]:
-    """The robot's poses over time, and the name of the frame that they are of."""
+    """The robot's poses over time, and the name of its frame."""
     frames = gathered.frames
     wanted = options.base_frame.lstrip("/") if options.base_frame else None
     if topic is not None and topic != TF and gathered.odometry_ns:
@@ -217,7 +217,8 @@ def _odometry(
 
 
 def _mountings(gathered: Gathered, robot_frame: str | None, notes: list[Note]) -> dict[str, Mounting]:
-    """Where each laser sits, by its frame; one that no transform leads to is put at the robot's centre, with a note."""
+    """The mounting of each laser, by its frame; a laser without transforms is put at the robot's centre, with a
+    note."""
     mountings = {}
     for frame in dict.fromkeys(laser.frame for laser in gathered.sweeps.lasers):
         mountings[frame] = Mounting((0.0, 0.0, 0.0), False, 0.0)
@@ -247,7 +248,7 @@ def _stamps(sweeps: Sweeps, notes: list[Note]) -> Int:
 
 
 def seconds(stamps_ns: Int) -> Float:
-    """The double next to each time: in one division where the nanoseconds are exact, else whole seconds apart."""
+    """The double nearest to each time: by one division if the nanoseconds are exact, otherwise seconds separately."""
     whole, rest = np.divmod(stamps_ns, NANOSECONDS)
     return np.where(np.abs(stamps_ns) < 2**53, stamps_ns / NANOSECONDS, whole + rest / NANOSECONDS)
 

@@ -1,5 +1,5 @@
-"""All readings of a long log: in memory while they are few, then in a file without a name, of which a scan is read when
-it is asked for. A bag of gigabytes is mapped in the memory of one of megabytes."""
+"""All readings of a long log: in memory while they are few, then in a file without a name, from which a scan is read
+when it is needed. So a bag of gigabytes needs no more memory than one of megabytes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Readings:
         return self._file is not None
 
     def append(self, values: Single) -> None:
-        """Puts values behind the last, before any are replaced; when they become too many, all go to the file."""
+        """Appends values, before any are replaced; when there are too many, all go to the file."""
         if self._file is None and self._count + len(values) > MOST_IN_MEMORY:
             self._file = tempfile.TemporaryFile(prefix="mapmend.", buffering=_BLOCK * _BYTES)  # noqa: SIM115
             self._file.write(self._memory[: self._count].tobytes())
@@ -81,7 +81,7 @@ class Readings:
             yield begin, self.read(begin, min(begin + _BLOCK, self._count))
 
     def whole(self) -> Single:
-        """All values as one array; of those in a file only what is looked at comes into memory."""
+        """All values as one array; from a file, only the parts that are used come into memory."""
         if self._file is None:
             return self._memory[: self._count]
         self._file.flush()
@@ -90,19 +90,19 @@ class Readings:
 
 @dataclass(frozen=True)
 class StoredScans(Scans):
-    """Scans whose readings lie in a file: ``ranges_m`` is a view of it, and a scan is read when it is asked for."""
+    """Scans whose readings are in a file: ``ranges_m`` is a view of it, and a scan is read when it is needed."""
 
     readings: Readings = field(default_factory=Readings)
 
     def __post_init__(self) -> None:
-        """Nothing to check: every scan was when it was taken."""
+        """Nothing to check: every scan was checked when it was added."""
 
     def ranges_of(self, k: int) -> Single:
         """The readings of scan k, shape (beams,), a copy."""
         return self.readings.read(int(self.offsets[k]), int(self.offsets[k + 1]))
 
     def replace_ranges_of(self, k: int, ranges_m: Single) -> None:
-        """Puts other readings in the place of scan k's, as many."""
+        """Replaces the readings of scan k by the same number of others."""
         self.readings.write(int(self.offsets[k]), ranges_m)
 
     def blocks(self) -> Iterator[Single]:

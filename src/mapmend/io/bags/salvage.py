@@ -1,7 +1,7 @@
-"""What can still be read of a bag whose recorder was switched off, or whose copy was cut short: front to back.
+"""Reading of a bag whose recorder was switched off, or whose copy was interrupted, from its beginning.
 
-Such a file lacks the index at its end, without which no reader opens it, but the messages before it are whole. MCAP:
-mcap.dev/spec. ROS 1: wiki.ros.org/Bags/Format/2.0. Both are records behind each other, some of them packed in chunks.
+Such a file lacks the index at its end, without which no reader opens it, but the messages before it are complete. MCAP:
+mcap.dev/spec. ROS 1: wiki.ros.org/Bags/Format/2.0. Both are sequences of records, some of them compressed in chunks.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ Walk = Callable[[Path, _Topics], Iterator[Message]]
 
 
 def salvage(files: list[Path], walk: Walk) -> Salvaged:
-    """Walks through the files once to count, and then as often as they are streamed."""
+    """Reads the files once to count, and again for each stream."""
     topics = _Topics()
     counts: Counter[str] = Counter()
     for file in files:
@@ -65,7 +65,7 @@ def salvage(files: list[Path], walk: Walk) -> Salvaged:
 
 
 def walk_mcap(path: Path, topics: _Topics) -> Iterator[Message]:
-    """The messages of an MCAP file up to where it is cut off."""
+    """The messages of an incomplete MCAP file."""
     with path.open("rb") as stream:
         stream.seek(8)  # the magic
         yield from _mcap_messages(stream, topics)
@@ -95,7 +95,7 @@ def _mcap_messages(stream: BinaryIO, topics: _Topics) -> Iterator[Message]:
 
 
 def _mcap_unpacked(body: bytes) -> bytes:
-    """The records in a chunk, of one that is cut off as many as there are."""
+    """The records in a chunk; of an incomplete chunk, those that are there."""
     if len(body) < 32:
         return b""
     packing, at = _text(body, 28)
@@ -108,7 +108,7 @@ def _text(body: bytes, at: int) -> tuple[str, int]:
 
 
 def _unpacked(packing: str, data: bytes) -> bytes:
-    """What can be unpacked of data that may end too early."""
+    """The part of the data that can be decompressed; the data may end too early."""
     if packing in ("", "none"):
         return data
     try:
@@ -132,7 +132,7 @@ def _unpacker(packing: str) -> Any:
 
 
 def walk_ros1(path: Path, topics: _Topics) -> Iterator[Message]:
-    """The messages of a ROS 1 bag up to where it is cut off."""
+    """The messages of an incomplete ROS 1 bag."""
     with path.open("rb") as stream:
         stream.readline()
         yield from _ros1_messages(stream, topics)
@@ -164,7 +164,7 @@ def _ros1_messages(stream: BinaryIO, topics: _Topics) -> Iterator[Message]:
 
 
 def _sized(stream: BinaryIO) -> tuple[bytes, bool]:
-    """Bytes behind their number, and whether all of them are there."""
+    """Bytes that follow their count, and whether all of them are there."""
     head = stream.read(4)
     if len(head) < 4:
         return b"", False
@@ -184,13 +184,13 @@ def _fields(header: bytes) -> dict[str, bytes]:
 
 
 def walk_sqlite(path: Path, topics: _Topics) -> Iterator[Message]:
-    """The messages of a ROS 2 database in the order in which they were written, up to the first page that is gone."""
+    """The messages of a ROS 2 database in the order in which they were written, up to the first missing page."""
     try:
         base = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
     except sqlite3.Error:
         return
     try:
-        # SQLite refuses a file that is shorter than its header says, but for those who want to mend it.
+        # SQLite refuses a file that is shorter than its header says, except in this mode for repair.
         base.execute("PRAGMA writable_schema = ON")
         for number, name, kind in base.execute("SELECT id, name, type FROM topics"):
             topics.add(number, name, kind)

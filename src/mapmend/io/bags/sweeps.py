@@ -16,12 +16,12 @@ from mapmend.io.no_return import no_return_limit_m
 from mapmend.scan import LaserGeometry, Note, Scans
 
 _QUARTER_DEGREE = np.pi / 720.0
-_LOOKED_AT = 1 << 22  # readings from which the value for "no return" is told
-_FARTHEST_M = 1e4  # for a laser that names no greatest range
+_LOOKED_AT = 1 << 22  # how many readings are used to find the value for "no return"
+_FARTHEST_M = 1e4  # for a laser that gives no greatest range
 
 
 class Laser(NamedTuple):
-    """What a message says of its laser; all messages of one key share a geometry."""
+    """The laser as described in a message; all messages with the same key have the same geometry."""
 
     frame: str
     beams: int
@@ -33,7 +33,7 @@ class Laser(NamedTuple):
 
 
 class Sweeps:
-    """The scans of a topic, gathered one by one: their readings alone are kept, as float32."""
+    """The scans of a topic, collected one by one: only their readings are kept, as float32."""
 
     def __init__(self, expected: int) -> None:
         self._expected = expected
@@ -92,7 +92,7 @@ class Sweeps:
         return as_scans(readings, offsets, index, tuple(geometries))
 
     def _limits(self, readings: Readings, offsets: NDArray[np.int64], notes: list[Note]) -> list[float]:
-        """The least reading of each laser that is no return: as it says, unless it never says +inf for one."""
+        """The least reading of each laser that is no return: its own value, unless it never reports +inf."""
         claims = [laser.range_max_m for laser in self.lasers]
         if self._has_infinite or not len(readings):
             return [_number(claim) for claim in claims]
@@ -109,10 +109,10 @@ class Sweeps:
 
 
 def _apply_rep117(readings: NDArray[np.float32], least: float, most: float) -> bool:
-    """In place: no return becomes inf, all else that is no distance nan. Whether +inf stood there.
+    """In place: no return becomes inf, every other invalid reading nan. Returns whether there was +inf.
 
-    REP-117: -inf is too close, nan an error, +inf nothing in range. What came before it: the greatest range, or
-    more, for nothing in range; less than the least range for what is too close.
+    REP-117: -inf is too close, nan an error, +inf nothing in range. Before REP-117: the greatest range, or more, for
+    nothing in range; less than the least range for too close.
     """
     infinite = bool(np.isposinf(readings).any())
     readings[~(readings > 0.0) | (readings < np.float32(least))] = np.nan
@@ -135,7 +135,7 @@ def _check_angles(laser: Laser) -> None:
 
 
 def _geometry(laser: Laser, mounting: Mounting, limit_m: float) -> tuple[LaserGeometry, bool]:
-    """The laser on its robot, counter-clockwise, and whether its readings have to be turned round for that."""
+    """The laser on its robot, counter-clockwise, and whether its readings must be reversed for that."""
     first, step = double_angle(laser.first_angle_rad), double_angle(laser.angle_increment_rad)
     if mounting.upside_down:
         first, step = -first, -step
@@ -146,7 +146,7 @@ def _geometry(laser: Laser, mounting: Mounting, limit_m: float) -> tuple[LaserGe
 
 
 def _turn(readings: Readings, offsets: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
-    """The readings of the given scans, in place, last beam first."""
+    """Reverses the readings of the given scans, in place."""
     for a, b in zip(offsets[rows].tolist(), offsets[rows + 1].tolist(), strict=True):
         readings.write(a, readings.read(a, b)[::-1].copy())
 
@@ -158,7 +158,7 @@ def double_angle(angle_rad: float) -> float:
 
 
 def _claim(single: float) -> float | None:
-    """The decimal number that a float32 field stands for, 81.83 and not 81.83000183; None where it is no range."""
+    """The decimal number that a float32 field stands for, 81.83 and not 81.83000183; None if it is no range."""
     value = float(str(np.float32(single)))
     return value if np.isfinite(value) and value > 0.0 else None
 

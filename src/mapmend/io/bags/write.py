@@ -28,7 +28,7 @@ _LATEST_S = 2**31 - 1
 def write_bag(target: str | Path, log: ScanLog, storage: str = MCAP) -> None:
     """Write a log as a ROS 2 bag: a folder, or one file where ``target`` ends in ``.mcap``. Raises OutputError.
 
-    Each scan has an odometry message and a transform of its stamp. Replaces a file, but no folder that holds anything.
+    Each scan has an odometry message and a transform with its stamp. Replaces a file, but only an empty folder.
     """
     place = Path(target)
     _check(place, log)
@@ -80,7 +80,7 @@ def _write(folder: Path, log: ScanLog, storage: str) -> None:
         known = {topic: writer.add_connection(topic, kind, typestore=messages.store) for topic, kind in topics.items()}
         recorded_ns = 0
         for topic, stamp_ns, message in _messages(messages, log):
-            # Recorders write in the order in which messages come; the stamps in them may step back.
+            # Recorders write messages in the order of arrival; their stamps may go back.
             recorded_ns = max(recorded_ns + 1, stamp_ns)
             writer.write(known[topic], recorded_ns, messages.store.serialize_cdr(message, message.__msgtype__))
 
@@ -101,7 +101,7 @@ def _messages(messages: Messages, log: ScanLog) -> Iterator[tuple[str, int, Any]
 
 
 def _laser_frames(log: ScanLog) -> dict[tuple[float, float, float], str]:
-    """A frame for each place where a laser is mounted."""
+    """A frame for each mounting of a laser."""
     mountings = dict.fromkeys(geometry.T_robot_laser for geometry in log.scans.geometries)
     return {pose: LASER_FRAME if k == 0 else f"{LASER_FRAME}_{k + 1}" for k, pose in enumerate(mountings)}
 
@@ -149,5 +149,5 @@ class Messages:
 
 
 def nanoseconds(stamp_s: float) -> int:
-    """The whole nanoseconds next to a double; `mapmend.io.bags.read.seconds` leads back to the same double."""
+    """The whole nanoseconds nearest to a double; `mapmend.io.bags.read.seconds` gives the same double again."""
     return round(Fraction(stamp_s) * NANOSECONDS)
