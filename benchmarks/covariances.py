@@ -92,9 +92,9 @@ def main() -> None:
 def drive(world: World, seed: int) -> Drive:
     """Simulates and maps with defaults; errors of what was measured and of what the optimizer made of it."""
     simulation = simulate(world, seed=seed)
-    state = FrontEnd(simulation.log, Config()).run()
-    graph = state.pose_graph()
-    truth = se2.between(simulation.truth[0], simulation.truth[state.node_scan[: state.count]])
+    mapped = FrontEnd(simulation.log.scans.geometries, Config()).run(simulation.log)
+    graph = mapped.pose_graph()
+    truth = se2.between(simulation.truth[0], simulation.truth[mapped.hung.node_scan])
     true_edges = se2.between(truth[graph.edges[:, 0]], truth[graph.edges[:, 1]])
     errors = pose_errors(graph.measurements, true_edges)
     covariances = np.asarray(np.linalg.inv(graph.information))

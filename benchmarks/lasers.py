@@ -101,15 +101,14 @@ def errors(world: World, robot: Robot, wheels: str, seed: int) -> tuple[float, f
     config, log = Config(), drive.log
     if wheels == "none":
         config = replace(config, motion=replace(config.motion, use_odometry=False))
-    front_end = FrontEnd(log, config)
+    graph = FrontEnd(log.scans.geometries, config).run(log)
 
     def error_m() -> float:
-        poses = front_end.state.scan_poses()
+        poses = graph.scan_poses()
         return trajectory_errors(log.stamps_s, poses, log.stamps_s, drive.truth).translation_rmse_m
 
-    front_end.run()
     by_go = error_m()
-    iterate(front_end)
+    iterate(graph)
     return by_go, error_m()
 
 

@@ -84,13 +84,13 @@ def functions(path: Path) -> str:
     from mapmend.io.read_log import read_log
 
     log = read_log(path)
-    FrontEnd(log, Config()).run()
+    FrontEnd(log.scans.geometries, Config()).run(log)
     began = time.perf_counter()
-    FrontEnd(log, Config()).run()
+    FrontEnd(log.scans.geometries, Config()).run(log)
     plain_s = time.perf_counter() - began
-    front_end = FrontEnd(log, Config())
+    front_end = FrontEnd(log.scans.geometries, Config())
     profile = cProfile.Profile()
-    profile.runcall(front_end.run)
+    profile.runcall(front_end.run, log)
     entries = pstats.Stats(profile).get_stats_profile()
     total_s = entries.total_tt
     worst = sorted(entries.func_profiles.items(), key=lambda item: -item[1].tottime)[:MOST]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mapmend.errors import MapmendError
 
@@ -80,6 +80,10 @@ class Scans:
         """The readings of scan k, shape (beams,), a view."""
         return self.ranges_m[self.offsets[k] : self.offsets[k + 1]]
 
+    def laser_of(self, k: int) -> int:
+        """Which of ``geometries`` scan k was taken with."""
+        return int(self.geometry_index[k])
+
     def replace_ranges_of(self, k: int, ranges_m: NDArray[np.float32]) -> None:
         """Puts other readings in the place of scan k's, as many."""
         self.ranges_of(k)[:] = ranges_m
@@ -99,6 +103,17 @@ class Scans:
         parts = [self.ranges_of(int(k)) for k in rows]
         ranges = np.concatenate(parts) if parts else np.zeros(0, np.float32)
         return Scans(ranges, offsets, self.geometry_index[rows], self.geometries)
+
+
+def checked_ranges(ranges_m: ArrayLike, geometry: LaserGeometry) -> NDArray[np.float32]:
+    """The readings of one scan as float32, shape (beams,); raises MapmendError where they are not of that laser."""
+    ranges = np.asarray(ranges_m, dtype=np.float32)
+    if ranges.shape != (geometry.beam_count,):
+        raise MapmendError(f"ranges_m must have shape ({geometry.beam_count},), got {ranges.shape}")
+    with np.errstate(invalid="ignore"):
+        if np.any(ranges <= 0.0):
+            raise MapmendError("ranges must be positive, inf (no return) or nan (unusable)")
+    return ranges
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ def build_map(
         config = replace(config, motion=replace(config.motion, use_odometry=False))
     check_method(method, config)
     check_log(log, config)
-    log = replace(log, odometry=_to_the_nanometre(log.odometry))
+    log = replace(log, odometry=se2.to_the_nanometre(log.odometry))
     seconds: dict[str, float] = {}
     with stage("match", seconds):
         built = METHODS[method](log, config, progress, threads)
@@ -142,37 +142,26 @@ def iterative_graph_optimization(
     from mapmend.front_end.builder import FrontEnd
     from mapmend.igo.iterate import iterate
 
-    front_end = FrontEnd(log, config, progress)
-    front_end.run()
-    iteration = iterate(front_end, progress)
+    front_end = FrontEnd(log.scans.geometries, config, progress)
+    iteration = iterate(front_end.run(log), progress)
     return replace(_built(front_end), mended=iteration)
-
-
-def _to_the_nanometre(poses: Float) -> Float:
-    """Poses (n, 3) in whole nanometres and nanoradians, the angles in [-pi, pi): one drive, one map.
-
-    A bag keeps angles as quaternions, from which they come back with another 16th digit than from a CARMEN log; over
-    thousands of matches and decisions about loops, that alone grew to 5 cm on intel.
-    """
-    wrapped: Float = np.column_stack((poses[:, :2], se2.wrap_angle(poses[:, 2])))
-    return wrapped.round(9)
 
 
 def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
     """``go``: the front end with its loops, optimized whenever one closes. IGO section III."""
     from mapmend.front_end.builder import FrontEnd
 
-    front_end = FrontEnd(log, config, progress)
-    front_end.run()
+    front_end = FrontEnd(log.scans.geometries, config, progress)
+    front_end.run(log)
     return _built(front_end)
 
 
 def _built(front_end: FrontEnd) -> Built:
-    state = front_end.state
-    key_nodes = np.array([row.first for row in front_end.key_nodes.rows], dtype=np.int64)
-    graph = state.pose_graph(with_scans=True)
+    graph = front_end.graph
+    key_nodes = graph.key_nodes.firsts().copy()
     searched, optimizations = front_end.searched, front_end.optimizations
-    return Built(graph, state.scan_poses(), key_nodes, searched, optimizations, scans_at=state.scan_poses_at)
+    pose_graph = graph.pose_graph(with_scans=True)
+    return Built(pose_graph, graph.scan_poses(), key_nodes, searched, optimizations, scans_at=graph.hung.scan_poses)
 
 
 def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
@@ -182,22 +171,24 @@ def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress
 
 def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
     """``odometry``: the poses that the log reports, from the first one on, and the graph that they make."""
-    from mapmend.front_end.motion import odometry_covariance
-    from mapmend.front_end.state import GraphState
+    from mapmend.scan_graph.chains import OdometryEdge
+    from mapmend.scan_graph.motion import odometry_covariance
+    from mapmend.scan_graph.scan_graph import ScanGraph
 
-    state = GraphState(log)
+    graph = ScanGraph(config, log.scans.geometries)
+    chains, settings = graph.chains, config.key_nodes
     poses = se2.between(log.odometry[0], log.odometry)
-    rows = config.key_nodes
     for k, pose in enumerate(poses):
-        motion = se2.between(poses[state.node_scan[state.last]], pose) if k else np.zeros(3)
-        far = math.hypot(motion[0], motion[1]) >= rows.node_every_m or abs(motion[2]) >= rows.node_every_rad
+        motion = se2.between(chains.poses[-1], pose) if k else np.zeros(3)
+        far = math.hypot(motion[0], motion[1]) >= settings.node_every_m or abs(motion[2]) >= settings.node_every_rad
         if k == 0 or far:
             covariance = odometry_covariance(motion, config.motion)
-            state.add_node(k, pose, covariance, covariance)
-        else:
-            state.hang_scan(k, state.last, pose)
+            edge = OdometryEdge(motion, covariance, covariance) if k else None
+            graph.add_node(log.scans.ranges_of(k), log.scans.laser_of(k), pose, edge)
+            motion = np.zeros(3)
+        graph.hung.hang(float(log.stamps_s[k]), log.odometry[k], chains.last, motion)
     progress("match", len(log), len(log))
-    return Built(state.pose_graph(with_scans=True), poses, np.zeros(0, dtype=np.int64))
+    return Built(graph.pose_graph(with_scans=True), poses, np.zeros(0, dtype=np.int64))
 
 
 def aligned(built: Built, config: Config) -> tuple[Built, Alignment | None]:

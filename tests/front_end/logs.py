@@ -25,8 +25,8 @@ def drive(building, laser=None, odometry=None, seed=1):
 
 def mapped(log, config=None):
     """The front end after the whole log."""
-    front_end = FrontEnd(log, config or Config())
-    front_end.run()
+    front_end = FrontEnd(log.scans.geometries, config or Config())
+    front_end.run(log)
     return front_end
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from mapmend.config import Config
 from mapmend.front_end.builder import FrontEnd
-from mapmend.front_end.motion import odometry_covariance
 from mapmend.geometry import se2
 from mapmend.lab.altered_logs import with_people
 from mapmend.matching.gauss_newton import Match
+from mapmend.scan_graph.motion import odometry_covariance
 from mapmend.simulation import OdometryModel, SlipEvent, World, corridor_loop, simulate
 from tests.front_end.logs import (
     BENT,
@@ -32,7 +32,7 @@ BUILDING = 1
 def test_a_drive_with_bent_odometry_is_mapped_to_centimetres():
     simulation = drive(BUILDING, None, BENT)
     odometry = errors_of(simulation, simulation.log.odometry)
-    found = errors_of(simulation, mapped(simulation.log).state.scan_poses())
+    found = errors_of(simulation, mapped(simulation.log).graph.scan_poses())
     assert odometry.translation_rmse_m > 5.0
     assert found.translation_rmse_m < 0.04
     assert found.translation_max_m < 0.12
@@ -45,10 +45,10 @@ def test_loops_take_out_the_drift_that_matching_leaves():
     for building in range(1, 8):
         simulation = drive(building, NOISY, BENT)
         closed = mapped(simulation.log)
-        with_loops.append(errors_of(simulation, closed.state.scan_poses()).translation_rmse_m)
-        matched = mapped(simulation.log, WITHOUT_LOOPS).state.scan_poses()
+        with_loops.append(errors_of(simulation, closed.graph.scan_poses()).translation_rmse_m)
+        matched = mapped(simulation.log, WITHOUT_LOOPS).graph.scan_poses()
         without.append(errors_of(simulation, matched).translation_rmse_m)
-        assert len(closed.state.loops) >= 10
+        assert len(closed.graph.loops) >= 10
     assert np.mean(with_loops) < 0.05
     assert np.mean(with_loops) < 0.75 * np.mean(without)
 
@@ -57,9 +57,9 @@ def test_no_loop_edge_joins_places_that_are_apart():
     """Every edge is off the truth by what its local grid may be bent by, no more."""
     for building in (1, 2, 3):
         simulation = drive(building, SHORT_SIGHTED, BENT)
-        state = mapped(simulation.log).state
-        truth = simulation.truth[state.node_scan[: state.count]]
-        for edge in state.loops:
+        graph = mapped(simulation.log).graph
+        truth = simulation.truth[graph.hung.node_scan]
+        for edge in graph.loops:
             off = se2.between(edge.T_anchor_node, se2.between(truth[edge.anchor], truth[edge.node]))
             assert np.hypot(off[0], off[1]) < 0.25
             assert abs(off[2]) < 0.08
@@ -68,8 +68,8 @@ def test_no_loop_edge_joins_places_that_are_apart():
 def test_the_same_log_gives_the_same_bytes():
     simulation = drive(2, SHORT_SIGHTED, BENT)
     first, second = mapped(simulation.log), mapped(simulation.log)
-    assert first.state.scan_poses().tobytes() == second.state.scan_poses().tobytes()
-    a, b = first.state.pose_graph(), second.state.pose_graph()
+    assert first.graph.scan_poses().tobytes() == second.graph.scan_poses().tobytes()
+    a, b = first.graph.pose_graph(), second.graph.pose_graph()
     assert a.edges.tobytes() == b.edges.tobytes()
     assert a.information.tobytes() == b.information.tobytes()
 
@@ -78,7 +78,7 @@ def test_a_log_without_odometry_is_followed_by_its_scans():
     simulation = drive(BUILDING)
     config = replace(Config(), motion=replace(Config().motion, use_odometry=False))
     log = replace(simulation.log, odometry=np.zeros_like(simulation.log.odometry))
-    assert errors_of(simulation, mapped(log, config).state.scan_poses()).translation_rmse_m < 0.1
+    assert errors_of(simulation, mapped(log, config).graph.scan_poses()).translation_rmse_m < 0.1
 
 
 def test_odometry_that_says_backward_for_a_second_is_not_believed():
@@ -90,7 +90,7 @@ def test_odometry_that_says_backward_for_a_second_is_not_believed():
 
     log = with_steps(simulation.log, lie)
     assert errors_of(simulation, log.odometry).translation_rmse_m > 1.0
-    found = errors_of(simulation, mapped(log).state.scan_poses())
+    found = errors_of(simulation, mapped(log).graph.scan_poses())
     assert found.translation_rmse_m < 0.06
     assert found.translation_max_m < 0.2
 
@@ -99,7 +99,7 @@ def test_wheels_that_slip_and_spin_are_not_believed():
     odometry = OdometryModel(slips=(SlipEvent(20.0, 1.5, 0.6), SlipEvent(50.0, 1.0, 1.0), SlipEvent(70.0, 2.0, 0.5)))
     simulation = drive(BUILDING, None, odometry)
     assert errors_of(simulation, simulation.log.odometry).translation_rmse_m > 1.0
-    found = errors_of(simulation, mapped(simulation.log).state.scan_poses())
+    found = errors_of(simulation, mapped(simulation.log).graph.scan_poses())
     assert found.translation_rmse_m < 0.06
     assert found.translation_max_m < 0.2
 
@@ -107,7 +107,7 @@ def test_wheels_that_slip_and_spin_are_not_believed():
 def test_people_in_a_tenth_of_the_beams_do_not_matter():
     simulation = drive(BUILDING)
     log = with_people(simulation.log, 0.1, seed=1)
-    found = errors_of(simulation, mapped(log).state.scan_poses())
+    found = errors_of(simulation, mapped(log).graph.scan_poses())
     assert found.translation_rmse_m < 0.06
     assert found.translation_max_m < 0.2
 
@@ -119,7 +119,7 @@ def test_scans_without_returns_are_bridged_by_odometry():
     for begin in (200, 700, 1100):
         ranges[begin * n : (begin + 8) * n] = np.inf
     log = replace(log, scans=replace(log.scans, ranges_m=ranges))
-    assert errors_of(simulation, mapped(log).state.scan_poses()).translation_rmse_m < 0.06
+    assert errors_of(simulation, mapped(log).graph.scan_poses()).translation_rmse_m < 0.06
 
 
 def test_exact_odometry_along_a_bare_corridor_stays_exact():
@@ -129,13 +129,13 @@ def test_exact_odometry_along_a_bare_corridor_stays_exact():
     )
     driven = np.ptp(simulation.truth[:, 1])
     assert driven > 18.9
-    assert mapped(simulation.log).state.scan_poses()[-1, 0] == pytest.approx(driven, abs=0.15)
+    assert mapped(simulation.log).graph.scan_poses()[-1, 0] == pytest.approx(driven, abs=0.15)
 
 
 def test_a_loop_of_bare_corridors_is_as_long_as_it_is():
     """Along each corridor the odometry alone knows the way; the corners and the closed loop say the rest."""
     simulation = simulate(corridor_loop())
-    found = errors_of(simulation, mapped(simulation.log).state.scan_poses())
+    found = errors_of(simulation, mapped(simulation.log).graph.scan_poses())
     assert found.translation_rmse_m < 0.15
 
 
@@ -146,7 +146,7 @@ def test_along_a_bare_corridor_the_odometry_decides(scale):
     route = np.array([(17.0, 1.0), (17.0, 20.0)])
     odometry = replace(OdometryModel.exact(), translation_scale=scale)
     simulation = simulate(World(world.walls, "corridor", route), None, odometry, 2)
-    poses = mapped(simulation.log).state.scan_poses()
+    poses = mapped(simulation.log).graph.scan_poses()
     driven, reported = np.ptp(simulation.truth[:, 1]), simulation.log.odometry[-1, 0]
     # Its two ends can be matched.
     assert driven - 0.3 < poses[-1, 0] < reported + 0.3
@@ -157,58 +157,57 @@ def test_along_a_bare_corridor_the_walls_keep_the_robot_straight():
     route = np.array([(17.0, 1.0), (17.0, 20.0)])
     simulation = simulate(World(world.walls, "corridor", route), None, BENT, 2)
     assert np.abs(simulation.log.odometry[:, 1]).max() > 1.0
-    poses = mapped(simulation.log).state.scan_poses()
+    poses = mapped(simulation.log).graph.scan_poses()
     assert np.abs(poses[:, 1]).max() < 0.15
     assert np.abs(poses[:, 2]).max() < 0.05
 
 
 def test_a_scan_at_nearly_the_same_heading_is_not_inserted_again():
     """Whichever way round the angles are counted."""
-    front_end = FrontEnd(drive(BUILDING).log, Config())
-    front_end._insert(0, np.array([0.0, 0.0, np.pi - 0.01]))
+    log = drive(BUILDING).log
+    front_end, ranges = FrontEnd(log.scans.geometries, Config()), log.scans.ranges_of(0)
+    front_end._insert(ranges, 0, np.array([0.0, 0.0, np.pi - 0.01]))
     before = Contents(front_end._global.grid)
     for heading in (0.01 - np.pi, np.pi + 0.01, 3.0 * np.pi, -np.pi):
-        front_end._insert(1, np.array([0.0, 0.0, heading]))
+        front_end._insert(ranges, 0, np.array([0.0, 0.0, heading]))
         assert Contents(front_end._global.grid) == before
-    front_end._insert(1, np.array([0.0, 0.0, 0.1 - np.pi]))
+    front_end._insert(ranges, 0, np.array([0.0, 0.0, 0.1 - np.pi]))
     assert Contents(front_end._global.grid) != before
 
 
 @pytest.mark.parametrize("n", [1, 2, 30])
 def test_a_log_of_scans_without_any_return_stands_still(n):
-    state = mapped(empty_log(n)).state
-    assert state.count == 1
-    np.testing.assert_array_equal(state.scan_poses(), np.zeros((n, 3)))
+    graph = mapped(empty_log(n)).graph
+    assert len(graph) == 1
+    np.testing.assert_array_equal(graph.scan_poses(), np.zeros((n, 3)))
 
 
 def test_every_scan_hangs_on_a_node_before_it():
     simulation = drive(BUILDING)
-    state = mapped(simulation.log).state
+    hung = mapped(simulation.log).graph.hung
     scans = np.arange(len(simulation.log))
-    assert np.all(state.node_scan[state.scan_node] <= scans)
-    assert np.all(np.diff(state.scan_node) >= 0)
-    assert np.array_equal(state.scan_node[state.node_scan[: state.count]], np.arange(state.count))
+    assert np.all(hung.node_scan[hung.node] <= scans)
+    assert np.all(np.diff(hung.node) >= 0)
+    assert np.array_equal(hung.node[hung.node_scan], np.arange(len(hung.node_scan)))
 
 
 def test_nodes_lie_as_far_apart_as_configured():
     simulation = drive(BUILDING)
     config = Config()
-    state = mapped(simulation.log, WITHOUT_LOOPS).state
-    edges = state.odometry_edge[1 : state.count]
+    edges = mapped(simulation.log, WITHOUT_LOOPS).graph.chains.edges[1:]
     far = np.hypot(edges[:, 0], edges[:, 1]) >= config.key_nodes.node_every_m - 1e-9
     assert np.all(far | (np.abs(edges[:, 2]) >= config.key_nodes.node_every_rad - 1e-9))
 
 
 def test_edges_carry_symmetric_positive_information():
-    state = mapped(drive(BUILDING).log).state
-    information = state.pose_graph().information
+    information = mapped(drive(BUILDING).log).graph.pose_graph().information
     np.testing.assert_allclose(information, np.swapaxes(information, -1, -2), rtol=1e-6)
     assert np.all(np.linalg.eigvalsh(0.5 * (information + np.swapaxes(information, -1, -2))) > 0.0)
 
 
 def edge_of(score, stiffness):
     """Covariance and drift of an edge of 0.3 m between two matches alike, and the odometry's covariance."""
-    front_end = FrontEnd(drive(BUILDING).log, Config())
+    front_end = FrontEnd(drive(BUILDING).log.scans.geometries, Config())
     front_end._motion_since_node = np.array([0.3, 0.0, 0.0])
     match = Match(np.zeros(3), score, 100, np.diag(stiffness), 0.01)
     front_end._covariance_at_node = match.covariance()

@@ -15,5 +15,5 @@ def test_eight_beams_a_degree_with_3_cm_of_noise():
     """With normals between next neighbours: 0.20 m."""
     drive = simulate(random_building(302), LaserModel(DENSE, range_noise_std_m=0.03), None, 302)
     log = drive.log
-    poses = FrontEnd(log, Config()).run().scan_poses()
+    poses = FrontEnd(log.scans.geometries, Config()).run(log).scan_poses()
     assert trajectory_errors(log.stamps_s, poses, log.stamps_s, drive.truth).translation_rmse_m < 0.05

@@ -4,26 +4,18 @@ import numpy as np
 import pytest
 
 from mapmend.config import Config
-from mapmend.front_end.key_nodes import KeyNodes
 from mapmend.front_end.loop_closing import Candidate, LoopSearch
-from mapmend.front_end.points import ScanPoints
-from mapmend.front_end.state import GraphState
-from mapmend.matching.gauss_newton import SurfaceMatcher
 from tests.front_end.logs import empty_log
+from tests.scan_graph.graphs import graph_of
 
 CONFIG = Config()
 CHI2_3_AT_99_PERCENT = 11.344867
 
 
 def search_on(poses):
-    """The loop search after a trajectory, and its state."""
-    log = empty_log(len(poses))
-    state = GraphState(log)
-    points = ScanPoints(log.scans, CONFIG.scan)
-    key_nodes = KeyNodes(state, points, CONFIG)
-    for k, pose in enumerate(poses):
-        key_nodes.add_node(state.add_node(k, np.array(pose, dtype=float), np.eye(3) * 1e-6, np.eye(3) * 1e-6))
-    return LoopSearch(state, key_nodes, points, SurfaceMatcher(CONFIG.match), CONFIG), state, key_nodes
+    """The loop search after a trajectory, its chain of nodes and its key-nodes."""
+    graph = graph_of(empty_log(len(poses)), poses, np.eye(3) * 1e-6)
+    return LoopSearch(graph), graph.chains, graph.key_nodes
 
 
 def out_and_back(length_m, beside_m):
@@ -66,21 +58,21 @@ def test_a_straight_trajectory_has_no_candidates():
 
 
 def test_what_was_just_left_is_no_candidate():
-    search, state, key_nodes = search_on(out_and_back(4.5, 0.2))
-    assert state.node_path_m[state.last] < CONFIG.loops.min_separation_m
+    search, chains, key_nodes = search_on(out_and_back(4.5, 0.2))
+    assert chains.path_m[-1] < CONFIG.loops.min_separation_m
     assert search._candidates(key_nodes.known()) == []
 
 
 def test_the_nearest_node_of_a_key_node_passed_before_is_a_candidate():
-    search, state, key_nodes = search_on(out_and_back(40.0, 1.0))
+    search, chains, key_nodes = search_on(out_and_back(40.0, 1.0))
     candidates = search._candidates(key_nodes.known())
     assert candidates[0].key_node == 0
     assert candidates[0].nearest == 0
-    away = [np.hypot(*(state.node_pose[c.nearest] - state.node_pose[state.last])[:2]) for c in candidates]
+    away = [np.hypot(*(chains.poses[c.nearest] - chains.poses[-1])[:2]) for c in candidates]
     assert away == sorted(away)
     for candidate in candidates:
         row = key_nodes.rows[candidate.key_node]
-        there = state.node_pose[row.first : row.end] - state.node_pose[state.last]
+        there = chains.poses[row.first : row.end] - chains.poses[-1]
         assert row.first <= candidate.nearest < row.end
         assert candidate.nearest == row.first + np.argmin(np.hypot(there[:, 0], there[:, 1]))
 
@@ -92,7 +84,7 @@ def test_candidates_reach_no_farther_than_drift_may_have_built_up():
 
 
 def test_the_relative_covariance_grows_with_the_way_between():
-    search, state, _ = search_on([(0.5 * k, 0.0, 0.0) for k in range(100)])
-    sizes = [np.linalg.det(search._relative_covariance(Candidate(0, node))) for node in range(0, state.last, 10)]
+    search, chains, _ = search_on([(0.5 * k, 0.0, 0.0) for k in range(100)])
+    sizes = [np.linalg.det(search._relative_covariance(Candidate(0, node))) for node in range(0, chains.last, 10)]
     assert sizes == sorted(sizes, reverse=True)
     assert np.all(np.linalg.eigvalsh(search._relative_covariance(Candidate(0, 0))) > 0.0)

@@ -19,7 +19,7 @@ from tests.real_data import data_path
 def test_all_relations_are_met(name, translation_m, rotation_deg, total):
     log = read_carmen(data_path(f"logs/{name}.clf.bz2"))
     true = read_relations(data_path(f"relations/{name}.relations"))
-    poses = FrontEnd(log, Config()).run().scan_poses()
+    poses = FrontEnd(log.scans.geometries, Config()).run(log).scan_poses()
     errors = relation_errors(log.stamps_s, poses, true.t1_s, true.t2_s, true.relative_poses)
     assert (errors.used, errors.total) == (total, total)
     assert errors.translation_mean_m <= translation_m
@@ -34,9 +34,9 @@ def test_fr_clinic_comes_back_to_its_start_whichever_way_the_grid_lies(turn_rad)
     The first 300 scans are a street that is driven again in the middle of the log and, the other way, at its end.
     """
     log = read_carmen(data_path("logs/fr-clinic.clf.bz2"))
-    state = FrontEnd(turned(log, turn_rad), Config()).run()
-    end = se2.compose((0.0, 0.0, -turn_rad), state.scan_poses()[-1])
+    graph = FrontEnd(log.scans.geometries, Config()).run(turned(log, turn_rad))
+    end = se2.compose((0.0, 0.0, -turn_rad), graph.scan_poses()[-1])
     assert np.hypot(end[0] + 0.4, end[1] - 2.0) < 1.5
-    loops = np.array([(state.node_scan[e.anchor], state.node_scan[e.node]) for e in state.loops])
+    loops = np.array([(graph.hung.node_scan[e.anchor], graph.hung.node_scan[e.node]) for e in graph.loops])
     assert np.count_nonzero(loops[:, 0] < 300) >= 10
-    assert np.count_nonzero((loops[:, 0] < 3000) & (loops[:, 1] >= len(state.log) - 800)) >= 2
+    assert np.count_nonzero((loops[:, 0] < 3000) & (loops[:, 1] >= len(log) - 800)) >= 2

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from mapmend.config import Config
-from mapmend.front_end.key_nodes import KeyNodes
-from mapmend.front_end.points import ScanPoints
 from mapmend.front_end.relocation import Relocation
-from mapmend.front_end.state import GraphState
 from mapmend.geometry import se2
-from mapmend.matching.gauss_newton import SurfaceMatcher
 from tests.front_end.logs import drive
+from tests.scan_graph.graphs import graph_of
 
 # A building is some 100 m of trajectory: let drift grow faster than it does.
 CONFIG = replace(Config(), loops=replace(Config().loops, drift_per_m=0.2))
@@ -30,13 +27,9 @@ def back_again(building, adrift, config=CONFIG):
         stamps_s=np.arange(len(rows), dtype=float),
         odometry=simulation.log.odometry[rows],
     )
-    state, points = GraphState(log), ScanPoints(log.scans, config.scan)
-    key_nodes = KeyNodes(state, points, config)
-    certain = np.eye(3) * 1e-6
-    for k, row in enumerate(rows):
-        pose = simulation.truth[row] if k < len(scans) else se2.compose(adrift, simulation.truth[row])
-        key_nodes.add_node(state.add_node(k, pose, certain, certain))
-    found = Relocation(state, key_nodes, points, SurfaceMatcher(config.match), config).find()
+    poses = simulation.truth[rows]
+    poses[len(scans) :] = se2.compose(adrift, poses[len(scans) :])
+    found = Relocation(graph_of(log, poses, np.eye(3) * 1e-6, config=config)).find()
     return found, simulation.truth[rows[-1]]
 
 

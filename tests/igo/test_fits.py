@@ -6,13 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapmend.config import Config
-from mapmend.front_end.points import ScanPoints
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
-from mapmend.igo.fits import Fits
-from mapmend.igo.odometry_pass import CLEAR_GAIN, TIE
+from mapmend.igo.fits import CLEAR_GAIN, TIE, Fits
 from mapmend.matching.gauss_newton import SurfaceMatcher
 from mapmend.scan import LaserGeometry, Scans
+from mapmend.scan_graph.points import ScanPoints
 from mapmend.simulation.ray_casting import cast_rays
 from tests.grid.contents import Contents
 from tests.matching.scenes import scene

@@ -25,10 +25,10 @@ def relation_error_m(log, relations, poses):
 def test_a_clean_log_is_mapped_as_well_as_before_at_most_a_millimetre_worse(name, translation_m, rotation_deg):
     log = read_carmen(data_path(f"logs/{name}.clf.bz2"))
     true = read_relations(data_path(f"relations/{name}.relations"))
-    front_end = FrontEnd(log, Config())
-    before_m, _ = relation_error_m(log, true, front_end.run().scan_poses())
-    rounds = iterate(front_end).rounds
-    after_m, after_deg = relation_error_m(log, true, front_end.state.scan_poses())
+    graph = FrontEnd(log.scans.geometries, Config()).run(log)
+    before_m, _ = relation_error_m(log, true, graph.scan_poses())
+    rounds = iterate(graph).rounds
+    after_m, after_deg = relation_error_m(log, true, graph.scan_poses())
     assert after_m <= min(translation_m, before_m + 0.001)
     assert after_deg <= rotation_deg
     assert len(rounds) < 2 or rounds[1].matched <= rounds[0].matched / 4
@@ -40,10 +40,10 @@ def test_where_wheels_slipped_the_error_is_less_than_half():
     clean = read_carmen(data_path("logs/intel.clf.bz2"))
     true = read_relations(data_path("relations/intel.relations"))
     log = slip_log(clean, SlipModel("along", count=30, share=0.9, length_m=2.0), 0).log
-    front_end = FrontEnd(log, Config())
-    before_m, _ = relation_error_m(log, true, front_end.run().scan_poses())
-    iterate(front_end)
-    after_m, _ = relation_error_m(log, true, front_end.state.scan_poses())
+    graph = FrontEnd(log.scans.geometries, Config()).run(log)
+    before_m, _ = relation_error_m(log, true, graph.scan_poses())
+    iterate(graph)
+    after_m, _ = relation_error_m(log, true, graph.scan_poses())
     assert before_m > 0.05
     assert after_m < 0.5 * before_m
 
@@ -52,11 +52,9 @@ def test_where_wheels_slipped_the_error_is_less_than_half():
 def test_the_loops_that_close_fr_clinic_the_long_way_round_stay():
     """The robot stood 2 m beside its start in the end; the loops that say so join nodes 800 m of way apart."""
     log = read_carmen(data_path("logs/fr-clinic.clf.bz2"))
-    front_end = FrontEnd(log, Config())
-    front_end.run()
-    iterate(front_end)
-    state = front_end.state
-    end = state.scan_poses()[-1]
+    graph = FrontEnd(log.scans.geometries, Config()).run(log)
+    iterate(graph)
+    end = graph.scan_poses()[-1]
     assert np.hypot(end[0] + 0.4, end[1] - 2.0) < 1.5
-    loops = np.array([(state.node_scan[e.anchor], state.node_scan[e.node]) for e in state.loops])
+    loops = np.array([(graph.hung.node_scan[e.anchor], graph.hung.node_scan[e.node]) for e in graph.loops])
     assert np.count_nonzero((loops[:, 0] < 3000) & (loops[:, 1] >= len(log) - 800)) >= 2

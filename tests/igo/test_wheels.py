@@ -27,8 +27,7 @@ def test_wheels_are_as_right_as_they_are_but_for_slip():
 def test_the_corridor_where_wheels_slipped_takes_the_loops_error():
     """Wheels report too much and never too little: of two opposite corridors, the one that is too long is wrong."""
     simulation = demo_drive(2)
-    front_end = FrontEnd(simulation.log, Config())
-    front_end.run()
-    go = errors_of(simulation, front_end.state.scan_poses()).translation_rmse_m
-    iterate(front_end)
-    assert errors_of(simulation, front_end.state.scan_poses()).translation_rmse_m < 0.6 * go
+    graph = FrontEnd(simulation.log.scans.geometries, Config()).run(simulation.log)
+    go = errors_of(simulation, graph.scan_poses()).translation_rmse_m
+    iterate(graph)
+    assert errors_of(simulation, graph.scan_poses()).translation_rmse_m < 0.6 * go

@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 
 from mapmend.config import ScanConfig
-from mapmend.front_end.points import ScanPoints
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.scan import LaserGeometry, Scans
+from mapmend.scan_graph.points import ScanPoints
 from mapmend.simulation import random_building
 from mapmend.simulation.drive import plan_drive
 from mapmend.simulation.ray_casting import cast_rays

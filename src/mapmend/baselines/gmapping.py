@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from mapmend.baselines import _filter_kernels
 from mapmend.baselines.particle_maps import ParticleMaps
 from mapmend.config import Config, GMappingConfig
-from mapmend.front_end.points import ScanPoints
-from mapmend.front_end.state import GraphState
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import Progress, map_in_order, no_progress
 from mapmend.scan import ScanLog
+from mapmend.scan_graph.chains import OdometryEdge
+from mapmend.scan_graph.points import ScanPoints
+from mapmend.scan_graph.scan_graph import ScanGraph
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -233,23 +234,25 @@ def path_graph(particle_filter: ParticleFilter) -> tuple[PoseGraph, Float]:
     A scan between two updates follows both: what the second changed of the step that the scans had reported up to it
     is shared out along the way.
     """
-    updates = particle_filter.updates
+    log, updates = particle_filter.log, particle_filter.updates
     poses, covariances = particle_filter.best_path()
-    state = GraphState(particle_filter.log)
+    graph = ScanGraph(particle_filter.config, log.scans.geometries)
     before = np.zeros((3, 3))
-    for row, update in enumerate(updates):
-        cos, sin = math.cos(poses[row, 2]), math.sin(poses[row, 2])
-        turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        own = turn @ covariances[row] @ turn.T
-        edge = own
-        if row:
-            carry = se2.adjoint(se2.between(poses[row], poses[row - 1]))
-            edge = own + carry @ before @ carry.T
-        state.add_node(update.scan, poses[row], edge, edge)
-        before = own
-    # The steps between the nodes as the scans between them were tracked: what the scans' places are relative to.
-    state.tracked_step[: len(updates)] = [update.tracked for update in updates]
-    graph = state.pose_graph(with_scans=True)
-    for k, row in enumerate(particle_filter.scan_update.tolist()):
-        state.hang_scan(k, row, se2.compose(poses[row], particle_filter.T_update_scan[k]))
-    return graph, state.scan_poses()
+    rows = {update.scan: row for row, update in enumerate(updates)}
+    for k, update_row in enumerate(particle_filter.scan_update.tolist()):
+        if k in rows:
+            row = rows[k]
+            cos, sin = math.cos(poses[row, 2]), math.sin(poses[row, 2])
+            turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+            own = turn @ covariances[row] @ turn.T
+            edge = None
+            if row:
+                step = se2.between(poses[row - 1], poses[row])
+                carry = se2.adjoint(se2.inverse(step))
+                covariance = own + carry @ before @ carry.T
+                edge = OdometryEdge(step, covariance, covariance)
+            # The steps between the nodes as the scans between them were tracked: what their places are relative to.
+            graph.add_node(log.scans.ranges_of(k), log.scans.laser_of(k), poses[row], edge, updates[row].tracked)
+            before = own
+        graph.hung.hang(float(log.stamps_s[k]), log.odometry[k], update_row, particle_filter.T_update_scan[k])
+    return graph.pose_graph(with_scans=True), graph.scan_poses()

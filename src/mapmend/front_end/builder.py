@@ -1,25 +1,31 @@
-"""The front end: from a log to a pose graph with scans, scan by scan. IGO section III."""
+"""The front end: from a log to a graph of scans, scan by scan. IGO section III."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mapmend.config import Config
-from mapmend.front_end.edge_covariance import edge_covariance
+from mapmend.errors import MapmendError
 from mapmend.front_end.global_grid import GlobalGrid
-from mapmend.front_end.key_nodes import KeyNodes
 from mapmend.front_end.loop_closing import LoopSearch, Solved
-from mapmend.front_end.motion import odometry_covariance
-from mapmend.front_end.points import ScanPoints
-from mapmend.front_end.state import Float, GraphState, LoopEdge
 from mapmend.front_end.tracking import Tracker
 from mapmend.geometry import se2
 from mapmend.graph.optimizer import optimize
-from mapmend.matching.gauss_newton import Match, SurfaceMatcher
+from mapmend.matching.gauss_newton import Match
 from mapmend.parallel import Progress, no_progress
-from mapmend.scan import ScanLog
+from mapmend.scan import LaserGeometry, ScanLog, checked_ranges
+from mapmend.scan_graph.chains import OdometryEdge
+from mapmend.scan_graph.edge_covariance import edge_covariance
+from mapmend.scan_graph.loop_edges import LoopEdge
+from mapmend.scan_graph.motion import odometry_covariance
+from mapmend.scan_graph.scan_graph import ScanGraph
+
+Float = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 
 # An optimization that moves no node by more leaves the global grid as it is.
 STILL_M = 0.02
@@ -30,20 +36,19 @@ STRAIN_RAD = 0.02
 
 
 class FrontEnd:
-    """Goes through a log once; `state` then holds nodes, edges and where every scan hangs."""
+    """Takes the scans of a drive one after the other; `graph` then holds nodes, edges and where every scan hangs.
 
-    def __init__(self, log: ScanLog, config: Config, progress: Progress = no_progress) -> None:
-        self.log = log
+    ``geometries``: the lasers that scans come from; more may be added to ``graph.scans.geometries`` on the way.
+    """
+
+    def __init__(self, geometries: Sequence[LaserGeometry], config: Config, progress: Progress = no_progress) -> None:
         self.config = config
-        self.state = GraphState(log)
+        self.graph = ScanGraph(config, tuple(geometries))
         self._progress = progress
-        self._motions = se2.between(log.odometry[:-1], log.odometry[1:])
-        self.points = ScanPoints(log.scans, config.scan)
-        self.matcher = SurfaceMatcher(config.match)
-        self._tracker = Tracker(self.matcher, config)
-        self.key_nodes = KeyNodes(self.state, self.points, config)
-        self._global = GlobalGrid(self.state, self.key_nodes, config)
-        self.loops = LoopSearch(self.state, self.key_nodes, self.points, self.matcher, config)
+        self._tracker = Tracker(self.graph.matcher, config)
+        self._global = GlobalGrid(self.graph)
+        self._loops = LoopSearch(self.graph)
+        self._pose = np.zeros(3)
         self._inserted_at = np.full(3, np.inf)
         self._motion_since_node = np.zeros(3)
         self._covariance_at_node = np.zeros((3, 3))
@@ -52,58 +57,90 @@ class FrontEnd:
         self.optimizations = 0
         self.searched = 0
 
-    def run(self) -> GraphState:
-        """Maps the whole log."""
-        pose = np.zeros(3)
-        total = len(self.log)
+    def run(self, log: ScanLog) -> ScanGraph:
+        """Maps a whole log; the graph, optimized."""
+        total = len(log)
         for k in range(total):
-            pose = self._take_scan(k, pose)
+            self._take_scan(log.scans.ranges_of(k), float(log.stamps_s[k]), log.odometry[k], log.scans.laser_of(k))
             if k % 100 == 99 or k == total - 1:
                 self._progress("matching", k + 1, total)
-        if self.config.loops.enabled and self.state.loops:
+        return self.finish()
+
+    def add_scan(self, ranges_m: ArrayLike, stamp_s: float, odometry: ArrayLike | None, laser: int = 0) -> Float:
+        """Finds the next scan and closes the loops that show with it; ``T_map_robot`` (3,), as it is known now.
+
+        ``ranges_m`` (beams,): inf for no return, nan for a reading that is no good. ``odometry`` (3,):
+        ``T_odometry_robot`` at the scan, or None if the configuration goes without (``motion.use_odometry``).
+        ``laser``: which of the geometries. Raises MapmendError for a wrong shape or value; the graph is then unchanged.
+        """
+        geometries = self.graph.scans.geometries
+        if not 0 <= laser < len(geometries):
+            raise MapmendError(f"there is no laser {laser}; this front end has {len(geometries)}")
+        if odometry is None and self.config.motion.use_odometry:
+            raise MapmendError("a scan came without odometry; give one, or set motion.use_odometry to false")
+        pose = np.zeros(3) if odometry is None else np.asarray(odometry, dtype=np.float64)
+        if pose.shape != (3,) or not np.isfinite(pose).all():
+            raise MapmendError(f"odometry must be 3 finite numbers x, y, theta, got {pose}")
+        if not math.isfinite(stamp_s):
+            raise MapmendError(f"stamp_s must be finite, got {stamp_s}")
+        self._take_scan(checked_ranges(ranges_m, geometries[laser]), float(stamp_s), pose, laser)
+        return self._pose.copy()
+
+    def finish(self) -> ScanGraph:
+        """Optimizes the graph of now, as after the last scan; more scans may follow."""
+        if self.config.loops.enabled and self.graph.loops:
             self._optimize()
-        return self.state
+        return self.graph
 
-    def _take_scan(self, k: int, before: Float) -> Float:
-        """Finds scan k, makes it a node where the robot went far enough, and closes the loops of that node."""
-        if k == 0:
-            self._open_node(0, before, None)
-            return before
-        motion = self._reported_motion(k)
+    def _take_scan(self, ranges_m: Float32, stamp_s: float, odometry: Float, laser: int) -> None:
+        """Finds a scan, makes it a node where the robot went far enough, and closes the loops of that node."""
+        graph, odometry = self.graph, se2.to_the_nanometre(odometry)
+        if len(graph.hung) == 0:
+            self._open_node(ranges_m, laser, self._pose, None)
+            graph.hung.hang(stamp_s, odometry, 0, np.zeros(3))
+            self._insert(ranges_m, laser, self._pose)
+            return
+        motion = self._reported_motion(odometry)
         self._motion_since_node = se2.compose(self._motion_since_node, motion)
-        tracked = self._tracker.track(self._global.grid, self.points.of(k), before, motion)
+        points = graph.points.project(ranges_m, laser)
+        tracked = self._tracker.track(self._global.grid, points, self._pose, motion)
         self.searched += tracked.searched
-        pose = tracked.match.pose
-        if self._is_far(self.state.hang_scan(k, self.state.last, pose)):
-            self._open_node(k, pose, tracked.match)
+        pose, node = tracked.match.pose, graph.chains.last
+        step = se2.between(graph.chains.poses[node], pose)
+        if not self._is_far(step):
+            graph.hung.hang(stamp_s, odometry, node, step)
+        else:
+            self._open_node(ranges_m, laser, pose, tracked.match)
+            graph.hung.hang(stamp_s, odometry, node + 1, np.zeros(3))
             self._close_loops()
-            pose = self.state.node_pose[self.state.last].copy()
-        self._insert(k, pose)
-        return pose
+            pose = graph.chains.poses[-1].copy()
+        self._pose = pose
+        self._insert(ranges_m, laser, pose)
 
-    def _reported_motion(self, k: int) -> Float:
-        """The odometry's step to scan k; without odometry, the step before it again."""
+    def _reported_motion(self, odometry: Float) -> Float:
+        """The odometry's step to a scan; without odometry, the step before it again."""
+        hung = self.graph.hung
         if self.config.motion.use_odometry:
-            return np.asarray(self._motions[k - 1])
-        if k < 2:
+            return se2.between(hung.odometry[-1], odometry)
+        if len(hung) < 2:
             return np.zeros(3)
-        state = self.state
-        a, b = (se2.compose(state.node_pose[state.scan_node[row]], state.T_node_scan[row]) for row in (k - 2, k - 1))
+        poses = self.graph.chains.poses
+        a, b = (se2.compose(poses[hung.node[row]], hung.T_node_scan[row]) for row in (-2, -1))
         return se2.between(a, b)
 
     def _is_far(self, step: Float) -> bool:
-        rows = self.config.key_nodes
-        return bool(math.hypot(step[0], step[1]) >= rows.node_every_m or abs(step[2]) >= rows.node_every_rad)
+        settings = self.config.key_nodes
+        return bool(math.hypot(step[0], step[1]) >= settings.node_every_m or abs(step[2]) >= settings.node_every_rad)
 
-    def _open_node(self, k: int, pose: Float, match: Match | None) -> None:
-        """Adds the node and its odometry edge with the covariance of IGO (2)."""
-        covariance, drift = (np.zeros((3, 3)),) * 2 if match is None else self._edge_covariance(match)
-        node = self.state.add_node(k, pose, covariance, drift)
+    def _open_node(self, ranges_m: Float32, laser: int, pose: Float, match: Match | None) -> None:
+        """Makes the next scan a node, with an odometry edge that has the covariance of IGO (2)."""
+        edge = None
+        if match is not None:
+            motion = se2.between(self.graph.chains.poses[-1], pose)
+            edge = OdometryEdge(motion, *self._edge_covariance(match))
         self._motion_since_node = np.zeros(3)
-        if self.key_nodes.add_node(node):
+        if self.graph.add_node(ranges_m, laser, pose, edge):
             self._global.refresh()
-        if match is None:
-            self._insert(k, pose)
 
     def _edge_covariance(self, match: Match) -> tuple[Float, Float]:
         """IGO (2) of the edge to the newest match, and its drift. Both ends were matched, each with its own noise."""
@@ -114,29 +151,30 @@ class FrontEnd:
         self._covariance_at_node = observed
         return edge_covariance(both, odometry, match.score, self.config.match.min_score)
 
-    def _insert(self, k: int, pose: Float) -> None:
+    def _insert(self, ranges_m: Float32, laser: int, pose: Float) -> None:
+        """Puts a scan into the global grid unless the last one was inserted at nearly the same pose (3,)."""
         grid = self.config.grid
         step = pose - self._inserted_at
         near = math.hypot(step[0], step[1]) < grid.insert_every_m
         if near and abs(math.remainder(step[2], math.tau)) < grid.insert_every_rad:
             return
-        self._global.grid.insert(self.points.of(k), self.points.laser_origin(k), pose)
+        points = self.graph.points
+        self._global.grid.insert(points.project(ranges_m, laser), points.origin_of(laser), pose)
         self._inserted_at = pose
 
     def _close_loops(self) -> None:
         """Searches loops of the newest node; optimizes when a new link closed or the graph is under strain."""
         if not self.config.loops.enabled:
             return
-        known = self.key_nodes.known()
+        graph, known = self.graph, self.graph.key_nodes.known()
         closed = False
-        for edge in self.loops.find():
-            self.state.loops.append(edge)
-            k = int(self.key_nodes.of_node[edge.anchor])
+        for edge in self._loops.find():
+            graph.loops.append(edge)
+            k = int(graph.key_nodes.of_node[edge.anchor])
             closed |= k not in known
             self._strained |= self._is_strained(edge)
-            self.key_nodes.link(k, self.key_nodes.last, 0.0)
-        path = float(self.state.node_path_m[self.state.last])
-        rested = path - self._optimized_at_m > self.config.key_nodes.trajectory_length_m
+            graph.key_nodes.link(k, graph.key_nodes.last, 0.0)
+        rested = float(graph.chains.path_m[-1]) - self._optimized_at_m > self.config.key_nodes.trajectory_length_m
         if closed or (self._strained and rested):
             moved = self._optimize()
             if moved:
@@ -146,18 +184,18 @@ class FrontEnd:
             self._inserted_at = np.full(3, np.inf)
 
     def _is_strained(self, edge: LoopEdge) -> bool:
-        poses = self.state.node_pose
+        poses = self.graph.chains.poses
         error = se2.between(edge.T_anchor_node, se2.between(poses[edge.anchor], poses[edge.node]))
         return bool(np.hypot(error[0], error[1]) > STRAIN_M or abs(error[2]) > STRAIN_RAD)
 
     def _optimize(self) -> bool:
         """Optimizes the graph of now; True where a node moved enough to build grids anew."""
-        state = self.state
-        result = optimize(state.pose_graph())
-        step = se2.between(state.node_pose[: state.count], result.poses)
-        state.node_pose[: state.count] = result.poses
-        self.loops.solved = Solved.from_factor(result.factorization, result.poses)
-        self._optimized_at_m = float(state.node_path_m[state.last])
+        chains = self.graph.chains
+        result = optimize(self.graph.pose_graph())
+        step = se2.between(chains.poses, result.poses)
+        chains.move(result.poses)
+        self._loops.solved = Solved.from_factor(result.factorization, result.poses)
+        self._optimized_at_m = float(chains.path_m[-1])
         self._strained = False
         self.optimizations += 1
         return bool((np.hypot(step[:, 0], step[:, 1]) > STILL_M).any() or (np.abs(step[:, 2]) > STILL_RAD).any())

@@ -8,27 +8,21 @@ current one along the trajectory, verified loops counting as no way at all.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapmend.config import Config
-from mapmend.front_end.key_nodes import KeyNodes
-from mapmend.front_end.state import Float, GraphState
+from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
-
-CROWD = 1
-SPOT_M = 1.0
-SPOT_RAD = 0.7
-ORIGIN = np.zeros(3)
+from mapmend.scan_graph.node_grids import ORIGIN, insert_nodes, representatives
+from mapmend.scan_graph.scan_graph import ScanGraph
 
 
 class GlobalGrid:
     """The grid, and the key-nodes whose scans are in it."""
 
-    def __init__(self, state: GraphState, key_nodes: KeyNodes, config: Config) -> None:
-        self.grid = SurfaceGrid(config.grid.cell_size_m)
-        self._state = state
-        self._key_nodes = key_nodes
-        self._config = config
+    def __init__(self, graph: ScanGraph) -> None:
+        self.grid = SurfaceGrid(graph.config.grid.cell_size_m)
+        self._graph = graph
+        self._key_nodes = graph.key_nodes
+        self._near_m = graph.config.key_nodes.near_m
         self._contents: set[int] = set()
         self._crowd: dict[tuple[int, ...], int] = {}
 
@@ -55,26 +49,14 @@ class GlobalGrid:
                 self._insert(k)
 
     def _insert(self, k: int) -> None:
-        row = self._key_nodes.rows[k]
+        row, poses = self._key_nodes.rows[k], self._graph.chains.poses
         nodes = np.arange(row.first, row.end)
-        room = representatives(self._state.node_pose[nodes], self._crowd)
-        self._key_nodes.insert_nodes(self.grid, nodes[room], ORIGIN)
+        nodes = nodes[representatives(poses[nodes], self._crowd)]
+        insert_nodes(self.grid, self._graph.points, nodes, se2.between(ORIGIN, poses[nodes]))
         self._contents.add(k)
 
     def _is_near(self, k: int) -> bool:
-        row = self._key_nodes.rows[k]
-        here = self._state.node_pose[self._state.last]
-        poses = self._state.node_pose[row.first : row.end]
-        return bool((np.hypot(poses[:, 0] - here[0], poses[:, 1] - here[1]) < self._config.key_nodes.near_m).any())
-
-
-def representatives(poses: Float, crowd: dict[tuple[int, ...], int]) -> NDArray[np.bool_]:
-    """Which of ``poses`` (n, 3) show something new: at most ``CROWD`` from a spot in one direction.
-
-    So the cost of building a grid follows the area, not the length of the log. ``crowd`` counts spots, and is written.
-    """
-    room = np.zeros(len(poses), dtype=np.bool_)
-    for row, spot in enumerate(map(tuple, np.floor(poses / (SPOT_M, SPOT_M, SPOT_RAD)).astype(np.int64).tolist())):
-        crowd[spot] = crowd.get(spot, 0) + 1
-        room[row] = crowd[spot] <= CROWD
-    return room
+        row, chains = self._key_nodes.rows[k], self._graph.chains
+        here = chains.poses[chains.last]
+        poses = chains.poses[row.first : row.end]
+        return bool((np.hypot(poses[:, 0] - here[0], poses[:, 1] - here[1]) < self._near_m).any())

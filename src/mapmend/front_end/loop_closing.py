@@ -5,18 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from mapmend.config import Config
-from mapmend.front_end.key_nodes import KeyNodes
-from mapmend.front_end.points import ScanPoints
-from mapmend.front_end.relocation import MOST_DRIFT, MOST_TURN_RAD, Relocation, recent_points
-from mapmend.front_end.state import Float, GraphState, LoopEdge
+from mapmend.front_end.relocation import MOST_DRIFT, MOST_TURN_RAD, Relocation
 from mapmend.geometry import se2
 from mapmend.graph.marginals import marginals, relative_covariances
 from mapmend.graph.system import Factorization
 from mapmend.matching.correlative import Region, search
-from mapmend.matching.gauss_newton import Match, SurfaceMatcher, prior_at
+from mapmend.matching.gauss_newton import prior_at
+from mapmend.scan_graph.loop_edges import LoopEdge
+from mapmend.scan_graph.node_grids import recent_points
+from mapmend.scan_graph.scan_graph import ScanGraph
+
+Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -43,21 +45,20 @@ class Candidate:
 class LoopSearch:
     """Looks for loops of the newest node."""
 
-    def __init__(
-        self, state: GraphState, key_nodes: KeyNodes, points: ScanPoints, matcher: SurfaceMatcher, config: Config
-    ) -> None:
-        self._state = state
-        self._key_nodes = key_nodes
-        self._points = points
-        self._matcher = matcher
-        self._config = config
-        self._gate = float(chdtri(3, 1.0 - config.loops.gate_quantile))
+    def __init__(self, graph: ScanGraph) -> None:
+        self._graph = graph
+        self._chains = graph.chains
+        self._key_nodes = graph.key_nodes
+        self._verify = graph.loop_edges
+        self._matcher = graph.matcher
+        self._config = graph.config
+        self._gate = float(chdtri(3, 1.0 - graph.config.loops.gate_quantile))
         self._tried_at_m: dict[tuple[int, int], float] = {}
         self.solved: Solved | None = None
         self.attempts = 0
         self._partner = -1
         self._awaiting: LoopEdge | None = None
-        self._relocation = Relocation(state, key_nodes, points, matcher, config)
+        self._relocation = Relocation(graph)
 
     def find(self) -> list[LoopEdge]:
         """The verified loop edges of the newest node: at most one to a known and one to an unlinked key-node."""
@@ -72,24 +73,24 @@ class LoopSearch:
 
     def _relocated(self) -> list[LoopEdge]:
         """A loop beyond the reach of the search about the believed pose: where the map of long ago says."""
-        state, here = self._state, self._relocation.find()
+        chains, here = self._chains, self._relocation.find()
         if here is None:
             return []
-        old = int(np.searchsorted(state.node_path_m[: state.count], self._oldest_m()))
-        nearest = int(np.argmin(np.hypot(*(state.node_pose[:old, :2] - here[:2]).T)))
+        old = int(np.searchsorted(chains.path_m, self._oldest_m()))
+        nearest = int(np.argmin(np.hypot(*(chains.poses[:old, :2] - here[:2]).T)))
         candidate = Candidate(int(self._key_nodes.of_node[nearest]), nearest)
         # The stretch that was found and not the newest scan: on the way back, a robot may face what it never saw.
         points = self._recent_points()
         predicted = self._seen_from(candidate.key_node, here)
-        prior = prior_at(predicted, self.certain())
+        prior = prior_at(predicted, self._verify.certain())
         match = self._matcher.match(self._key_nodes.local_grid(candidate.key_node).grid, points, predicted, prior)
-        if not self._verified_share(candidate, match, points):
+        if not self._verify.verified_share(candidate.key_node, match, points):
             return []
-        return self._confirmed(self.edge(candidate, match, state.last))
+        return self._confirmed(self._verify.edge(candidate.nearest, match, chains.last))
 
     def _oldest_m(self) -> float:
         """Trajectory length before which a place counts as left long enough to form a loop."""
-        return float(self._state.node_path_m[self._state.last]) - self._config.loops.min_separation_m
+        return float(self._chains.path_m[-1]) - self._config.loops.min_separation_m
 
     def _confirmed(self, edge: LoopEdge) -> list[LoopEdge]:
         """A searched loop counts once a second one, matched some way on, tells the same of where the robot is.
@@ -97,14 +98,14 @@ class LoopSearch:
         Rooms repeat: one place may look like another from all that the robot saw in the last T_l metres. The next
         metres then differ.
         """
-        first, state = self._awaiting, self._state
+        first, chains = self._awaiting, self._chains
         if first is None:
             self._awaiting = edge
             return []
-        way = float(state.node_path_m[edge.node] - state.node_path_m[first.node])
+        way = float(chains.path_m[edge.node] - chains.path_m[first.node])
         if way < self._config.loops.confirm_after_m:
             return []
-        poses = state.node_pose
+        poses = chains.poses
         ahead = se2.compose(first.T_anchor_node, se2.between(poses[first.node], poses[edge.node]))
         around = se2.compose(se2.between(poses[first.anchor], poses[edge.anchor]), edge.T_anchor_node)
         difference = se2.between(ahead, around)
@@ -126,13 +127,13 @@ class LoopSearch:
 
     def _candidates(self, known: dict[int, float]) -> list[Candidate]:
         """Key-nodes within T_l, those not known also within the drift that may have built up; nearest first."""
-        state, loops, rows = self._state, self._config.loops, self._key_nodes.rows
-        here = state.node_pose[state.last]
-        path = state.node_path_m[: state.count]
+        loops, rows = self._config.loops, self._key_nodes.rows
+        poses, path = self._chains.poses, self._chains.path_m
+        here = poses[-1]
         old = int(np.searchsorted(path, self._oldest_m()))
         if old == 0:
             return []
-        distance = np.hypot(state.node_pose[:old, 0] - here[0], state.node_pose[:old, 1] - here[1])
+        distance = np.hypot(poses[:old, 0] - here[0], poses[:old, 1] - here[1])
         starts = self._key_nodes.firsts()
         starts = starts[: int(np.searchsorted(starts, old))]
         nearest = np.minimum.reduceat(distance, starts)
@@ -149,17 +150,17 @@ class LoopSearch:
     def _match_known(self, candidate: Candidate) -> LoopEdge | None:
         """A key-node whose place is known well: the pose itself is guess enough, or else a short search finds it."""
         loops = self._config.loops
-        covariance = self.certain()
+        covariance = self._verify.certain()
         predicted = self._predicted(candidate.key_node)
         local = self._key_nodes.local_grid(candidate.key_node)
-        points = self._points.of(int(self._state.node_scan[self._state.last]))
+        points = self._graph.points.of(self._chains.last)
         match = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
         step = se2.between(predicted, match.pose)
         moved = max(np.hypot(step[0], step[1]) / loops.certain_std_m, abs(step[2]) / loops.certain_std_rad)
-        matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
-        agrees = matched >= loops.min_agreement * (matched + contradicted)
+        agrees = self._verify.agrees(self._verify.agreement(local.grid, points, match.pose))
         if match.score >= loops.min_score and agrees and moved < 1.5:
-            return self.edge(candidate, match, self._state.last) if self.is_observed(match) else None
+            is_observed = self._verify.is_observed(match)
+            return self._verify.edge(candidate.nearest, match, self._chains.last) if is_observed else None
         return None if agrees and moved < 1.5 else self._searched(candidate, covariance)
 
     def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
@@ -171,73 +172,74 @@ class LoopSearch:
 
     def _searched(self, candidate: Candidate, covariance: Float) -> LoopEdge | None:
         """The best-scoring match of the region about the newest node that ``covariance`` (3, 3) leaves, if verified."""
-        state, loops = self._state, self._config.loops
+        loops, verify, last = self._config.loops, self._verify, self._chains.last
         pair = (candidate.key_node, self._key_nodes.last)
-        path = float(state.node_path_m[state.last])
+        path = float(self._chains.path_m[last])
         if path - self._tried_at_m.get(pair, -np.inf) < loops.retry_every_m:
             return None
         self._tried_at_m[pair] = path
         self.attempts += 1
         predicted = self._predicted(candidate.key_node)
         region = self._region(predicted, covariance)
-        points = self._points.of(int(state.node_scan[state.last]))
+        points = self._graph.points.of(last)
         found = search(self._key_nodes.likelihood(candidate.key_node), points, region, loops.min_likelihood)
         if found is None:
             return None
         local = self._key_nodes.local_grid(candidate.key_node)
         match = self._matcher.match(local.grid, points, found[0], prior_at(found[0], covariance))
         stretch = self._recent_points()
-        share = self._verified_share(candidate, match, stretch)
+        share = verify.verified_share(candidate.key_node, match, stretch)
         if match.score < loops.min_score or not share:
             return None
         # Elsewhere more may overlap, and chance agree with more of it: what holds where it was predicted stays there.
         near = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
-        if self._verified_share(candidate, near, stretch) >= share:
+        if verify.verified_share(candidate.key_node, near, stretch) >= share:
             match = near
         # The next node may try again at once: it is to confirm this one.
         del self._tried_at_m[pair]
-        return self.edge(candidate, match, self._state.last)
+        return verify.edge(candidate.nearest, match, last)
 
     def _predicted(self, key_node: int) -> Float:
         """Where the newest node is believed to be in the frame of a key-node's local grid."""
-        return self._seen_from(key_node, self._state.node_pose[self._state.last])
+        return self._seen_from(key_node, self._chains.poses[-1])
 
     def _seen_from(self, key_node: int, pose: Float) -> Float:
         """A pose (3,) in the map, in the frame of a key-node's local grid."""
-        return se2.between(self._state.node_pose[self._key_nodes.rows[key_node].first], pose)
+        return se2.between(self._chains.poses[self._key_nodes.rows[key_node].first], pose)
 
     def _relative_covariance(self, candidate: Candidate) -> Float:
         """S of IGO (4), in the frame of the newest node: exact from the last factor, along the chain since.
 
         A guard is added against over-confident edges: a drift in proportion to the way travelled.
         """
-        state, solved = self._state, self.solved
+        chains, solved = self._chains, self.solved
         node = candidate.nearest
         if solved is None or node >= len(solved.poses):
-            covariance = state.covariance_between(node, state.last)
+            covariance = chains.covariance_between(node, chains.last)
         else:
             newest = len(solved.poses) - 1
             first = relative_covariances(
                 solved.factorization, solved.poses, solved.covariances, newest, np.array([node])
             )[0]
-            T_newest_last = se2.between(state.node_pose[newest], state.node_pose[state.last])
-            covariance = se2.compose_covariance(first, T_newest_last, state.covariance_between(newest, state.last))
+            T_newest_last = se2.between(chains.poses[newest], chains.poses[-1])
+            since = chains.covariance_between(newest, chains.last)
+            covariance = se2.compose_covariance(first, T_newest_last, since)
         guard_m, guard_rad = self._drift(node)
         return np.asarray(covariance + np.diag([guard_m**2, guard_m**2, guard_rad**2]))
 
     def _drift(self, node: int) -> tuple[float, float]:
         """What may have built up since ``node``, or since the last loop if that is later: metres, radians."""
-        state, loops = self._state, self._config.loops
-        since = max([node] + [edge.node for edge in state.loops[-1:]])
-        drift = loops.drift_per_m * float(state.node_path_m[state.last] - state.node_path_m[since])
+        path, loops = self._chains.path_m, self._config.loops
+        since = max([node] + [edge.node for edge in self._graph.loops[-1:]])
+        drift = loops.drift_per_m * float(path[-1] - path[since])
         # A heading error of drift / way carries the far end off by drift; more than some turns' worth it never is.
         turn = min(drift, 30.0 * loops.drift_per_m) / 3.0
         return max(drift, loops.certain_std_m), max(turn, loops.certain_std_rad)
 
     def _passes_gate(self, candidate: Candidate, covariance: Float) -> bool:
         """IGO (5) with the inverse where it belongs, and with room for two poses that see the same walls from apart."""
-        state, loops = self._state, self._config.loops
-        error = se2.between(state.node_pose[candidate.nearest], state.node_pose[state.last])
+        poses, loops = self._chains.poses, self._config.loops
+        error = se2.between(poses[candidate.nearest], poses[-1])
         # The error, as a motion at the newest node; whichever way the two look, they may see the same walls.
         step = -se2.inverse(error)
         view = np.diag([loops.view_std_m**2, loops.view_std_m**2, np.pi**2])
@@ -263,51 +265,7 @@ class LoopSearch:
         guesses = predicted[:2] + steps[inside]
         return Region(predicted, guesses, radius, angle, loops.tie_weight, half_length + radius, angle)
 
-    def _verified_share(self, candidate: Candidate, match: Match, points: Float) -> float:
-        """How much of the whole last stretch of trajectory, not of this scan alone, agrees with the key-node's grid.
-
-        The share of its ``points`` that the grid confirms among those that it has seen; 0 where that is too little.
-        """
-        loops = self._config.loops
-        local = self._key_nodes.local_grid(candidate.key_node)
-        matched, contradicted, _ = self._matcher.judge(local.grid, points, match.pose)
-        seen = matched + contradicted
-        if seen < loops.min_overlap * len(points) or matched < loops.min_agreement * seen:
-            return 0.0
-        return matched / seen if self.is_observed(match) else 0.0
-
-    def is_observed(self, match: Match) -> bool:
-        """Whether the surfaces hold the match in every direction: along a bare corridor only noisy normals do."""
-        weakest = float(np.linalg.eigvalsh(match.normal_matrix[:2, :2])[0])
-        return weakest >= self._config.loops.min_observability * match.matched
-
     def _recent_points(self) -> Float:
         """The points of the last T_l of trajectory in the frame of the newest node."""
-        return recent_points(self._state, self._points, self._config.key_nodes.trajectory_length_m)
-
-    def certain(self) -> Float:
-        """The covariance of a prior that is good enough for Gauss-Newton alone."""
-        loops = self._config.loops
-        return np.diag([loops.certain_std_m**2, loops.certain_std_m**2, loops.certain_std_rad**2])
-
-    def edge(self, candidate: Candidate, match: Match, node: int) -> LoopEdge:
-        """The edge to a matched node from the key-node's nearest: its lever is short, and the grid's own bend small."""
-        local = self._key_nodes.local_grid(candidate.key_node)
-        anchor = candidate.nearest
-        measured = se2.between(local.poses[anchor - local.begin], match.pose)
-        covariance = match.covariance() + self._bend(candidate, measured)
-        return LoopEdge(anchor, node, measured, se2.invert_symmetric(covariance))
-
-    def _bend(self, candidate: Candidate, T_anchor_node: Float) -> Float:
-        """What the local grid itself may be wrong by, in the frame of the matched node.
-
-        It was built from nodes along the trajectory: seen from one of them, the walls are as uncertain as the way to
-        the node that saw them, on average half as far as the key-node is long.
-        """
-        state = self._state
-        way = 0.5 * self._config.key_nodes.trajectory_length_m
-        path = state.node_path_m[: state.count]
-        end = min(int(np.searchsorted(path, path[candidate.nearest] + way)), state.last)
-        chain = state.covariance_between(candidate.nearest, end)
-        carry = se2.adjoint(se2.between(T_anchor_node, se2.between(*state.node_pose[[candidate.nearest, end]])))
-        return np.asarray(carry @ chain @ carry.T)
+        length_m = self._config.key_nodes.trajectory_length_m
+        return recent_points(self._chains, self._graph.points, length_m, self._chains.last)

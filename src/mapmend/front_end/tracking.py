@@ -6,15 +6,17 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.config import Config
-from mapmend.front_end.motion import draw_hypotheses, odometry_covariance, odometry_std
-from mapmend.front_end.state import Float
 from mapmend.geometry import se2
 from mapmend.grid.likelihood import likelihood_field
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.matching.correlative import Region, search
 from mapmend.matching.gauss_newton import Match, SurfaceMatcher, round_prior
+from mapmend.scan_graph.motion import STD_PER_MEDIAN, draw_hypotheses, odometry_covariance, odometry_std
+
+Float = NDArray[np.float64]
 
 # Below this many points a scan says too little to contradict the odometry.
 FEWEST_POINTS = 20
@@ -23,8 +25,6 @@ DROP = 0.1
 USUAL_SHARE = 0.05
 # How fast the median of what odometry and good matches differ by follows: by a factor of e in a hundred scans.
 MEDIAN_SHARE = 0.01
-# The standard deviation of a normal distribution over the median of its absolute values.
-STD_PER_MEDIAN = 1.4826
 
 
 @dataclass(frozen=True)

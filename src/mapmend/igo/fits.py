@@ -9,6 +9,10 @@ from mapmend.grid.surface import SurfaceGrid
 from mapmend.igo import _kernels
 from mapmend.igo.observed import Float
 
+# Fits closer than so many standard deviations are ties: neighbouring beams err together, so three and not two. A match
+# that fits better by the gain, a share of the beams, needs no other reason.
+TIE, CLEAR_GAIN = 3.0, 0.05
+
 
 class Fits:
     """Fits of scans, 0 to 1: a score that also says how near the beams end to their surfaces.

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mapmend.front_end.builder import FrontEnd
 from mapmend.graph.optimizer import OptimizationResult, optimize
 from mapmend.graph.robust import DynamicCovarianceScaling
 from mapmend.igo.observed import Float
 from mapmend.igo.rebuild import Rebuilder, Round
 from mapmend.parallel import Progress, no_progress
+from mapmend.scan_graph.scan_graph import ScanGraph
 
 # Against false loops, the paper's own weakness: true ones keep their whole weight under it.
 KERNEL = DynamicCovarianceScaling()
@@ -28,23 +28,22 @@ class Iteration:
         return {"chi2": self.chi2, "rounds": [one.to_json() for one in self.rounds]}
 
 
-def iterate(front_end: FrontEnd, progress: Progress = no_progress) -> Iteration:
-    """Algorithm 1 on what a front end has built; its state then holds the mended graph at the best poses."""
-    config = front_end.config.igo
-    state = front_end.state
-    result = optimize_graph(front_end)
+def iterate(graph: ScanGraph, progress: Progress = no_progress) -> Iteration:
+    """Algorithm 1 on any graph of scans, which then holds the mended edges with its nodes at the best poses."""
+    settings = graph.config.igo
+    result = optimize_graph(graph)
     chi2, rounds = [result.cost_final], []
-    rebuilder = Rebuilder(front_end)
-    for turn in range(1, config.rounds + 1):
-        rebuilt = rebuilder.rebuild(loop_weights(front_end, result), told_by_round(progress, turn))
+    rebuilder = Rebuilder(graph)
+    for turn in range(1, settings.rounds + 1):
+        rebuilt = rebuilder.rebuild(loop_weights(graph, result), told_by_round(progress, turn))
         rounds.append(rebuilt)
         if not rebuilt.accepted:
             break
-        result = optimize_graph(front_end)
+        result = optimize_graph(graph)
         chi2.append(result.cost_final)
-        if abs(chi2[-1] - chi2[-2]) < config.settled_share * max(chi2[-2], float(state.count)):
+        if abs(chi2[-1] - chi2[-2]) < settings.settled_share * max(chi2[-2], float(len(graph))):
             break
-    front_end.key_nodes.forget_grids()
+    graph.key_nodes.forget_grids()
     return Iteration(rounds, chi2)
 
 
@@ -53,15 +52,13 @@ def told_by_round(progress: Progress, turn: int) -> Progress:
     return lambda stage, done, total: progress(f"{stage}, round {turn}", done, total)
 
 
-def optimize_graph(front_end: FrontEnd) -> OptimizationResult:
-    """The optimum of the graph of now under the robust kernel on loop edges, put into the state."""
-    state = front_end.state
-    result = optimize(state.pose_graph(), kernel=KERNEL)
-    state.node_pose[: state.count] = result.poses
+def optimize_graph(graph: ScanGraph) -> OptimizationResult:
+    """The optimum of the graph as it is, under the robust kernel on loop edges; its nodes then stand there."""
+    result = optimize(graph.pose_graph(), kernel=KERNEL)
+    graph.chains.move(result.poses)
     return result
 
 
-def loop_weights(front_end: FrontEnd, result: OptimizationResult) -> Float:
+def loop_weights(graph: ScanGraph, result: OptimizationResult) -> Float:
     """The kernel's factors on the loop edges, which stand last in the graph."""
-    count = len(front_end.state.loops)
-    return result.edge_weights[len(result.edge_weights) - count :]
+    return result.edge_weights[len(result.edge_weights) - len(graph.loops) :]

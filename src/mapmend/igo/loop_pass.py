@@ -6,10 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapmend.front_end.builder import FrontEnd
-from mapmend.front_end.loop_closing import Candidate
-from mapmend.front_end.relocation import recent_points
-from mapmend.front_end.state import LoopEdge
 from mapmend.geometry import se2
 from mapmend.graph.robust import DISTRUST_WEIGHT
 from mapmend.grid.surface import SurfaceGrid
@@ -17,6 +13,9 @@ from mapmend.igo.guesses import between, is_same, score_noise
 from mapmend.igo.observed import Bool, Float
 from mapmend.matching.gauss_newton import Match, prior_at
 from mapmend.parallel import Progress, no_progress
+from mapmend.scan_graph.loop_edges import Agreement, LoopEdge
+from mapmend.scan_graph.node_grids import recent_points
+from mapmend.scan_graph.scan_graph import ScanGraph
 
 
 @dataclass(frozen=True)
@@ -35,20 +34,21 @@ class LoopResult:
 class LoopPass:
     """Lines 15 to 22 of Algorithm 1."""
 
-    def __init__(self, front_end: FrontEnd) -> None:
-        self._front_end = front_end
-        self._state, self._points, self._matcher = front_end.state, front_end.points, front_end.matcher
-        self._config = front_end.config
+    def __init__(self, graph: ScanGraph) -> None:
+        self._graph = graph
+        self._key_nodes = graph.key_nodes
+        self._verify = graph.loop_edges
+        self._config = graph.config
 
     def run(self, wanted: Bool, weights: Float, optimized: Float, progress: Progress = no_progress) -> LoopResult:
         """Matches the ``wanted`` loop edges (k,) again, on grids at the state's poses, near where ``optimized`` has it.
 
         ``weights`` (k,): what the robust kernel left of each. Those that are not wanted stay as they are.
         """
-        loops = self._state.loops
+        loops = self._graph.loops
         left: dict[int, tuple[LoopEdge, bool]] = {}
         # Key-node by key-node, so that each local grid is built once.
-        order = sorted(range(len(loops)), key=lambda row: int(self._front_end.key_nodes.of_node[loops[row].anchor]))
+        order = sorted(range(len(loops)), key=lambda row: int(self._key_nodes.of_node[loops[row].anchor]))
         for done, row in enumerate(order):
             edge = loops[row]
             if not wanted[row]:
@@ -70,17 +70,17 @@ class LoopPass:
         come back to where the optimizer wants it, or go: looking alike is what made it false. What nothing contradicts
         stays.
         """
-        front_end = self._front_end
-        k = int(front_end.key_nodes.of_node[edge.anchor])
-        local = front_end.key_nodes.local_grid(k)
-        points = self._points.of(int(self._state.node_scan[edge.node]))
+        graph = self._graph
+        k = int(self._key_nodes.of_node[edge.anchor])
+        local = self._key_nodes.local_grid(k)
+        points = graph.points.of(edge.node)
         anchor = local.poses[edge.anchor - local.begin]
         old, guess = se2.compose(anchor, edge.T_anchor_node), se2.compose(anchor, step)
         match = self._best(k, points, old, guess)
         if not self._is_verified(k, points, match):
             # What one scan does not tell, the stretch before it does: a robot may face what it had never seen.
             length_m = self._config.key_nodes.trajectory_length_m
-            points = recent_points(self._state, self._points, length_m, edge.node)
+            points = recent_points(graph.chains, graph.points, length_m, edge.node)
             match = self._best(k, points, old, guess)
             if not self._is_verified(k, points, match):
                 return edge if weight >= DISTRUST_WEIGHT and not self._is_contradicted(k, points, match) else None
@@ -89,24 +89,23 @@ class LoopPass:
             return None
         if is_same(edge.T_anchor_node, measured):
             return edge
-        return front_end.loops.edge(Candidate(k, edge.anchor), match, edge.node)
+        return self._verify.edge(edge.anchor, match, edge.node)
 
     def _is_verified(self, k: int, points: Float, match: Match) -> bool:
         """Whether a match on the grid of key-node k scores, agrees and is held, as the loop search asks."""
-        loops = self._config.loops
-        matched, contradicted, _ = self._matcher.judge(self._grid(k), points, match.pose)
-        agrees = matched >= loops.min_agreement * (matched + contradicted)
-        return bool(match.score >= loops.min_score and agrees and self._front_end.loops.is_observed(match))
+        agrees = self._verify.agrees(self._agreement(k, points, match))
+        return bool(match.score >= self._config.loops.min_score and agrees and self._verify.is_observed(match))
 
     def _is_contradicted(self, k: int, points: Float, match: Match) -> bool:
         """Whether the grid has seen enough of where the points lie, and too much else there."""
-        loops = self._config.loops
-        matched, contradicted, _ = self._matcher.judge(self._grid(k), points, match.pose)
-        seen = matched + contradicted
-        return bool(seen >= loops.min_overlap * len(points) and matched < loops.min_agreement * seen)
+        agreement = self._agreement(k, points, match)
+        return self._verify.overlaps(agreement) and not self._verify.agrees(agreement)
+
+    def _agreement(self, k: int, points: Float, match: Match) -> Agreement:
+        return self._verify.agreement(self._grid(k), points, match.pose)
 
     def _grid(self, k: int) -> SurfaceGrid:
-        return self._front_end.key_nodes.local_grid(k).grid
+        return self._key_nodes.local_grid(k).grid
 
     def _is_far(self, step: Float, measured: Float) -> bool:
         """Whether a measurement lies farther from the optimizer's poses than those are certain."""
@@ -116,10 +115,10 @@ class LoopPass:
     def _best(self, k: int, points: Float, old: Float, guess: Float) -> Match:
         """The best-scoring match from the guesses between two poses (3,); ties go to the pose nearest ``guess``."""
         grid = self._grid(k)
-        covariance = self._front_end.loops.certain()
-        best = self._matcher.match(grid, points, guess, prior_at(guess, covariance))
+        covariance = self._verify.certain()
+        best = self._graph.matcher.match(grid, points, guess, prior_at(guess, covariance))
         for start in between(old, guess, self._config.loops.guess_every_m):
-            other = self._matcher.match(grid, points, start, prior_at(start, covariance))
+            other = self._graph.matcher.match(grid, points, start, prior_at(start, covariance))
             if other.score > best.score + score_noise(best.score, len(points)):
                 best = other
         return best

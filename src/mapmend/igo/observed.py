@@ -14,6 +14,7 @@ from mapmend.matching.gauss_newton import Match
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
+Int = NDArray[np.int64]
 
 # What scan and grid agree on must exceed its own noise by so many standard deviations ...
 BEYOND_NOISE = 2.0
@@ -22,7 +23,7 @@ FEWEST_SHARED = 2.0
 
 
 @dataclass
-class Measured:
+class MatchedEdges:
     """What the last match of every odometry edge said; row j is the edge from node j - 1 to node j.
 
     ``motions`` (n, 3): in the frame of node j - 1. ``information`` (n, 3, 3): of the match alone, in the frame of node
@@ -37,22 +38,13 @@ class Measured:
     scores: Float
 
     @classmethod
-    def of_nothing(cls, n: int) -> Measured:
+    def of_nothing(cls, n: int) -> MatchedEdges:
         return cls(np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 2)), np.zeros(n))
 
     @property
     def is_open(self) -> Bool:
         """Which edges have an open axis, shape (n,)."""
         return np.asarray(self.open_axes.any(axis=1))
-
-
-@dataclass(frozen=True)
-class NewEdge:
-    """A measurement (3,) that replaces an odometry edge's, with its covariance and the part that adds up (3, 3)."""
-
-    motion: Float
-    covariance: Float
-    drift: Float
 
 
 class Observer:

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from mapmend.front_end.builder import FrontEnd
-from mapmend.front_end.state import LoopEdge
 from mapmend.igo.loop_pass import LoopPass
 from mapmend.igo.observed import Bool, Float
 from mapmend.igo.odometry_pass import OdometryPass
 from mapmend.parallel import Progress, no_progress
+from mapmend.scan_graph.loop_edges import LoopEdge
+from mapmend.scan_graph.scan_graph import ScanGraph
 
 
 @dataclass(frozen=True)
@@ -53,33 +53,31 @@ class Round:
 
 
 class Rebuilder:
-    """Rebuilds a front end's graph, again and again; edges that came back unchanged are left alone (IGO IV-D)."""
+    """Rebuilds a graph of scans, again and again; edges that came back unchanged are left alone (IGO IV-D)."""
 
-    def __init__(self, front_end: FrontEnd) -> None:
-        self._front_end = front_end
-        self._odometry = OdometryPass(front_end)
-        self._loops = LoopPass(front_end)
-        self._odometry_wanted: Bool = np.arange(front_end.state.count) > 0
-        self._loops_wanted: Bool = np.ones(len(front_end.state.loops), dtype=np.bool_)
+    def __init__(self, graph: ScanGraph) -> None:
+        self._graph = graph
+        self._odometry = OdometryPass(graph)
+        self._loops = LoopPass(graph)
+        self._odometry_wanted: Bool = self._odometry.can_match.copy()
+        self._loops_wanted: Bool = np.ones(len(graph.loops), dtype=np.bool_)
 
     def rebuild(self, loop_weights: Float, progress: Progress = no_progress) -> Round:
-        """One round, from the state's poses; ``loop_weights`` (k,): what the robust kernel left of each loop edge."""
-        state = self._front_end.state
-        optimized = state.node_pose[: state.count].copy()
+        """One round, from the nodes' poses; ``loop_weights`` (k,): what the robust kernel left of each loop edge."""
+        graph, chains = self._graph, self._graph.chains
+        optimized = chains.poses.copy()
         odometry = self._odometry.run(self._odometry_wanted, progress)
-        biased = [
-            BiasedEdge(j - 1, j, False, state.odometry_edge[j].copy(), new.motion) for j, new in odometry.edges.items()
-        ]
+        biased = [BiasedEdge(j - 1, j, False, chains.edges[j].copy(), new.motion) for j, new in odometry.edges.items()]
         if odometry.edges:
-            state.node_pose[: state.count] = odometry.poses
-            state.replace_odometry({j: (new.motion, new.covariance, new.drift) for j, new in odometry.edges.items()})
-        self._front_end.key_nodes.forget_grids()
+            chains.move(odometry.poses)
+            chains.replace(odometry.edges)
+        graph.key_nodes.forget_grids()
         loops = self._loops.run(self._loops_wanted, loop_weights, optimized, progress)
         biased += self._biased_loops(loops.loops, loops.rows, loops.changed)
         # Where all loops of before agree: from the rebuilt poses, the kernel would doubt every loop that has to close.
-        state.node_pose[: state.count] = optimized
-        dropped = len(state.loops) - len(loops.loops)
-        state.loops[:] = loops.loops
+        chains.move(optimized)
+        dropped = len(graph.loops) - len(loops.loops)
+        graph.loops[:] = loops.loops
         self._odometry_wanted = odometry.unsettled
         self._loops_wanted = loops.changed
         moved = int(loops.changed.sum())
@@ -92,7 +90,7 @@ class Rebuilder:
         )
 
     def _biased_loops(self, loops: list[LoopEdge], rows: list[int], changed: Bool) -> list[BiasedEdge]:
-        old = self._front_end.state.loops
+        old = self._graph.loops
         found = [
             BiasedEdge(new.anchor, new.node, True, old[row].T_anchor_node, new.T_anchor_node)
             for new, row, differs in zip(loops, rows, changed, strict=True)

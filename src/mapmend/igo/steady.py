@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from mapmend.front_end.tracking import STD_PER_MEDIAN
+from mapmend.scan_graph.motion import STD_PER_MEDIAN
 
 Float = NDArray[np.float64]
 

@@ -5,46 +5,45 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.config import Config
-from mapmend.front_end.global_grid import representatives
-from mapmend.front_end.points import ScanPoints
-from mapmend.front_end.state import Float, GraphState
 from mapmend.grid.surface import SurfaceGrid
+from mapmend.scan_graph.node_grids import insert_nodes, representatives
+from mapmend.scan_graph.scan_graph import ScanGraph
+
+Float = NDArray[np.float64]
+
+# A grid that lacks more of the last nodes is built anew: inserting them one by one would cost as much.
+MOST_BEHIND = 8
 
 
 class TrailGrid:
-    """A grid of the nodes before a node, as far back as the front end's key-nodes take part in its own.
+    """A grid of the nodes before a node, as far back as key-nodes take part in the front end's grid.
 
     It is built anew at every key-node and when nodes are skipped; in between, nodes are added one by one. No loop takes
     part: an odometry edge is measured against where the robot came from, whatever the loops say.
     """
 
-    def __init__(self, state: GraphState, points: ScanPoints, config: Config) -> None:
-        self.grid = SurfaceGrid(config.grid.cell_size_m)
-        self._state = state
-        self._points = points
-        self._length_m = config.key_nodes.member_length_m
-        self._every_m = config.key_nodes.trajectory_length_m
+    def __init__(self, graph: ScanGraph) -> None:
+        self.grid = SurfaceGrid(graph.config.grid.cell_size_m)
+        self._chains = graph.chains
+        self._points = graph.points
+        self._length_m = graph.config.key_nodes.member_length_m
+        self._every_m = graph.config.key_nodes.trajectory_length_m
+        self._begin = -1
         self._end = -1
         self._begun_at_m = 0.0
 
     def before(self, node: int, poses: Float) -> SurfaceGrid:
-        """The grid of the nodes before ``node`` at ``poses`` (n, 3)."""
-        path = self._state.node_path_m
+        """The grid of the nodes before ``node`` on its chain, at ``poses`` (n, 3)."""
+        path, (begin, _) = self._chains.path_m, self._chains.chain_of(node)
         stale = path[node] - self._begun_at_m > self._every_m
-        if self._end < 0 or self._end > node or stale or node - self._end > 8:
-            first = int(np.searchsorted(path[:node], path[node] - self._length_m))
+        if begin != self._begin or self._end > node or stale or node - self._end > MOST_BEHIND:
+            first, _ = self._chains.within(node, self._length_m, 0.0)
             nodes = np.arange(node - 1, first - 1, -1)
-            room = representatives(poses[nodes], {})
+            nodes = np.sort(nodes[representatives(poses[nodes], {})])
             self.grid.clear()
-            self._insert(np.sort(nodes[room]), poses)
             self._begun_at_m = float(path[node])
         else:
-            self._insert(np.arange(self._end, node), poses)
-        self._end = node
+            nodes = np.arange(self._end, node)
+        insert_nodes(self.grid, self._points, nodes, poses[nodes])
+        self._begin, self._end = begin, node
         return self.grid
-
-    def _insert(self, nodes: NDArray[np.int64], poses: Float) -> None:
-        for node in nodes:
-            scan = int(self._state.node_scan[node])
-            self.grid.insert(self._points.of(scan), self._points.laser_origin(scan), poses[node])

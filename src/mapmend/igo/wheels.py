@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapmend.config import Config
-from mapmend.front_end.state import GraphState
-from mapmend.front_end.tracking import STD_PER_MEDIAN
+from mapmend.config import Config, MotionConfig
 from mapmend.geometry import se2
-from mapmend.igo.observed import Float, Measured, NewEdge, runs, turned, without_gaps
+from mapmend.igo.observed import Float, MatchedEdges, runs, turned, without_gaps
+from mapmend.scan_graph.chains import Chains, OdometryEdge
+from mapmend.scan_graph.motion import STD_PER_MEDIAN, odometry_std
 
 # Steps shorter than this say little of the wheels.
 SHORTEST_STEP_M = 0.1
@@ -60,15 +60,27 @@ def learn_wheels(found_m: Float, reported_m: Float) -> Wheels | None:
     return Wheels(abs(scale - 1.0), STD_PER_MEDIAN * float(np.median(np.abs(walk))))
 
 
+def is_slip(reported: Float, found: Float, settings: MotionConfig) -> bool:
+    """Whether a motion (3,) falls short of the reported one by more than wheels err over a motion like it.
+
+    By one standard deviation: with a model as wide as the paper's, two would excuse nearly every slip.
+    """
+    way, off = (float(np.hypot(step[0], step[1])) for step in (found, reported - found))
+    std, _ = odometry_std(found, settings)
+    return way < np.hypot(reported[0], reported[1]) and off > std
+
+
 class Slips:
     """Finds the open stretches on which the wheels slipped, round after round."""
 
-    def __init__(self, state: GraphState, config: Config) -> None:
-        self._state = state
+    def __init__(self, chains: Chains, config: Config) -> None:
+        self._chains = chains
         self._config = config
-        self._first: dict[int, NewEdge] = {}
+        self._first: dict[int, OdometryEdge] = {}
 
-    def find(self, measured: Measured, reported: Float, optimized: Float, odometry: Float) -> dict[int, NewEdge]:
+    def find(
+        self, measured: MatchedEdges, reported: Float, optimized: Float, odometry: Float
+    ) -> dict[int, OdometryEdge]:
         """Edges of stretches with slip, at the optimizer's length and as open along it as in doubt; others stay.
 
         ``reported`` (n, 3): what the odometry says of every edge; ``optimized`` (n, 3): the poses; ``odometry``
@@ -76,13 +88,13 @@ class Slips:
         """
         told = ~measured.is_open & (measured.scores >= self._config.match.min_score)
         wheels = learn_wheels(measured.motions[told, 0], reported[told, 0])
-        found: dict[int, NewEdge] = {}
+        found: dict[int, OdometryEdge] = {}
         if wheels is None:
             return found
         steps = np.concatenate((np.zeros((1, 3)), se2.between(optimized[:-1], optimized[1:])))
         for first, end in runs(without_gaps(measured.is_open)):
             rows = [j for j in range(first, end) if measured.open_axes[j].any()]
-            axes = np.array([turned(measured.open_axes[j], self._state.odometry_edge[j, 2]) for j in rows])
+            axes = np.array([turned(measured.open_axes[j], self._chains.edges[j, 2]) for j in rows])
             axes[np.einsum("ni,ni->n", axes, reported[rows, :2]) < 0.0] *= -1.0
             length, optimum = (np.einsum("ni,ni->n", axes, motions[rows, :2]) for motions in (reported, steps))
             if length.sum() >= SHORTEST_STRETCH_M and wheels.have_slipped(float(length.sum()), float(optimum.sum())):
@@ -90,20 +102,20 @@ class Slips:
                     found |= self._moved(j, axis, float(way), measured.open_axes[j], odometry[j])
         return found
 
-    def _moved(self, j: int, along: Float, way: float, axis: Float, odometry: Float) -> dict[int, NewEdge]:
+    def _moved(self, j: int, along: Float, way: float, axis: Float, odometry: Float) -> dict[int, OdometryEdge]:
         """Edge j with another ``way`` along its open axis, (2,) in the frames of its first and of its last node."""
-        state = self._state
-        old = state.odometry_edge[j]
+        chains = self._chains
+        old = chains.edges[j]
         change = way - float(along @ old[:2])
         if abs(change) < SAME_M:
             return {}
         motion = old.copy()
         motion[:2] += along * change
         first = self._first.setdefault(
-            j, NewEdge(old.copy(), state.odometry_covariance[j].copy(), state.odometry_drift[j].copy())
+            j, OdometryEdge(old.copy(), chains.covariances[j].copy(), chains.drifts[j].copy())
         )
         wide = np.zeros((3, 3))
         wide[:2, :2] = (
             self._config.motion.doubt_spread**2 * float(axis @ odometry[:2, :2] @ axis) * np.outer(axis, axis)
         )
-        return {j: NewEdge(motion, first.covariance + wide, first.drift + wide)}
+        return {j: OdometryEdge(motion, first.covariance + wide, first.drift + wide)}

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapmend.config import MotionConfig
-from mapmend.front_end.motion import draw_hypotheses, odometry_covariance, odometry_std
 from mapmend.geometry import se2
+from mapmend.scan_graph.motion import draw_hypotheses, odometry_covariance, odometry_std
 
 CONFIG = MotionConfig()
 motions = st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(-3, 3)).map(np.array)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mapmend.config import ScanConfig
-from mapmend.front_end.points import ScanPoints, neighbours_away
 from mapmend.scan import LaserGeometry, Scans
+from mapmend.scan_graph.points import ScanPoints, neighbours_away
 
 FRONT = LaserGeometry(3, -0.5, 0.5, 5.0, (1.0, 0.0, 0.0))
 REAR = LaserGeometry(5, -1.0, 0.5, 50.0, (-1.0, 0.5, np.pi))

@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.config import Config
-from mapmend.front_end.points import ScanPoints
-from mapmend.front_end.state import Float, GraphState
 from mapmend.geometry import se2
 from mapmend.grid.likelihood import LikelihoodField, likelihood_field
 from mapmend.grid.surface import SurfaceGrid
+from mapmend.scan_graph.chains import Chains
+from mapmend.scan_graph.growing import GrowingArray
+from mapmend.scan_graph.node_grids import insert_nodes
+from mapmend.scan_graph.points import ScanPoints
+
+Float = NDArray[np.float64]
 
 KEPT_GRIDS = 12
 
@@ -48,11 +52,11 @@ class KeyNodes:
     does not grow with the log.
     """
 
-    def __init__(self, state: GraphState, points: ScanPoints, config: Config) -> None:
+    def __init__(self, chains: Chains, points: ScanPoints, config: Config) -> None:
         self.rows: list[KeyNode] = []
-        self._firsts = np.zeros(len(state.node_pose), dtype=np.int64)
-        self.of_node = np.zeros(len(state.node_pose), dtype=np.int64)
-        self._state = state
+        self._firsts = GrowingArray(dtype=np.int64)
+        self._of_node = GrowingArray(dtype=np.int64)
+        self._chains = chains
         self._points = points
         self._config = config
         self._links: list[dict[int, float]] = []
@@ -65,23 +69,31 @@ class KeyNodes:
 
     def firsts(self) -> NDArray[np.int64]:
         """The first node of every key-node, shape (n,), rising."""
-        return self._firsts[: len(self.rows)]
+        return self._firsts.rows
+
+    @property
+    def of_node(self) -> NDArray[np.int64]:
+        """Which key-node each node belongs to, shape (nodes,)."""
+        return self._of_node.rows
 
     def add_node(self, node: int) -> bool:
-        """Puts the newest node into the current key-node, or opens a new one with it: then True."""
-        state = self._state
-        length = self._config.key_nodes.trajectory_length_m
-        opens = not self.rows or state.node_path_m[node] - state.node_path_m[self.rows[-1].first] > length
+        """Puts the newest node into the current key-node, or opens a new one with it: then True.
+
+        A new one opens after T_l of trajectory, and where a chain begins: what links those is found by loops alone.
+        """
+        path, length = self._chains.path_m, self._config.key_nodes.trajectory_length_m
+        begins = self._chains.chain_of(node)[0] == node
+        opens = begins or path[node] - path[self.rows[-1].first] > length
         if opens:
-            self._firsts[len(self.rows)] = node
+            self._firsts.append(node)
             self.rows.append(KeyNode(node, node))
             self._links.append({})
-            if self.last > 0:
+            if not begins:
                 self.link(self.last - 1, self.last, length)
             self._known.clear()
         self.rows[-1].end = node + 1
-        self.of_node[node] = self.last
-        return opens
+        self._of_node.append(self.last)
+        return bool(opens)
 
     def link(self, a: int, b: int, length_m: float) -> None:
         """Says that a and b are known relative to each other: neighbours by T_l, a verified loop by nothing."""
@@ -118,15 +130,14 @@ class KeyNodes:
         if kept is not None and kept.begin + len(kept.poses) >= self.rows[k].end:
             self._grids.move_to_end(k)
             return kept
-        state = self._state
-        anchor = self.rows[k].first
+        chains, row = self._chains, self.rows[k]
+        half_m = 0.5 * self._config.key_nodes.trajectory_length_m
+        first, _ = chains.within(row.first, half_m, 0.0)
+        _, end = chains.within(row.end - 1, 0.0, half_m)
+        poses = se2.between(chains.poses[row.first], chains.poses[first:end])
         grid = SurfaceGrid(self._config.grid.cell_size_m)
-        half = 0.5 * self._config.key_nodes.trajectory_length_m
-        path = state.node_path_m[: state.count]
-        first = int(np.searchsorted(path, path[anchor] - half))
-        end = int(np.searchsorted(path, path[self.rows[k].end - 1] + half, side="right"))
-        self.insert_nodes(grid, np.arange(first, end), state.node_pose[anchor])
-        self._grids[k] = LocalGrid(grid, first, se2.between(state.node_pose[anchor], state.node_pose[first:end]))
+        insert_nodes(grid, self._points, range(first, end), poses)
+        self._grids[k] = LocalGrid(grid, first, poses)
         if len(self._grids) > KEPT_GRIDS:
             self._grids.popitem(last=False)
         return self._grids[k]
@@ -141,10 +152,3 @@ class KeyNodes:
         if local.field is None:
             local.field = likelihood_field(local.grid, self._config.match.half_weight_m)
         return local.field
-
-    def insert_nodes(self, grid: SurfaceGrid, nodes: NDArray[np.int64], frame: Float) -> None:
-        """Puts the scans of ``nodes`` into ``grid``, whose frame stands at ``frame`` (3,) in the map."""
-        state, points = self._state, self._points
-        poses = se2.between(frame, state.node_pose[nodes])
-        for pose, scan in zip(poses, state.node_scan[nodes], strict=True):
-            grid.insert(points.of(int(scan)), points.laser_origin(int(scan)), pose)

@@ -10,39 +10,37 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from mapmend.config import Config
-from mapmend.front_end.key_nodes import KEPT_GRIDS, KeyNodes
-from mapmend.front_end.points import ScanPoints
-from mapmend.front_end.state import GraphState
 from mapmend.geometry import se2
 from mapmend.matching.gauss_newton import SurfaceMatcher
+from mapmend.scan_graph.key_nodes import KEPT_GRIDS
+from mapmend.scan_graph.scan_graph import ScanGraph
 from tests.front_end.logs import drive, empty_log
+from tests.scan_graph.graphs import add_node
 
 CONFIG = Config()
 
 
 def along_a_line(steps_m, config=CONFIG):
-    """A state whose nodes lie the given steps apart, its key-nodes, and which of the nodes opened one."""
+    """A graph whose nodes lie the given steps apart, its key-nodes, and which of the nodes opened one."""
     log = empty_log(len(steps_m) + 1)
-    state = GraphState(log)
-    key_nodes = KeyNodes(state, ScanPoints(log.scans, config.scan), config)
+    graph = ScanGraph(config, log.scans.geometries)
     opened, x = [], 0.0
     for k, step in enumerate([0.0, *steps_m]):
         x += step
-        state.add_node(k, np.array([x, 0.0, 0.0]), np.eye(3), np.eye(3))
-        if key_nodes.add_node(k):
+        if add_node(graph, log, k, np.array([x, 0.0, 0.0]), np.eye(3), np.eye(3)):
             opened.append(k)
-    return state, key_nodes, opened
+    return graph, graph.key_nodes, opened
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(0.01, 3.0), max_size=60))
 def test_a_key_node_opens_when_the_trajectory_since_the_last_is_long_enough(steps_m):
-    state, key_nodes, opened = along_a_line(steps_m)
+    graph, key_nodes, opened = along_a_line(steps_m)
     length = CONFIG.key_nodes.trajectory_length_m
     expected, since = [0], 0.0
     for k, step in enumerate(steps_m, 1):
         since += step
-        if state.node_path_m[k] - state.node_path_m[expected[-1]] > length:
+        if graph.chains.path_m[k] - graph.chains.path_m[expected[-1]] > length:
             expected.append(k)
     assert opened == expected
     assert [row.first for row in key_nodes.rows] == expected
@@ -109,27 +107,27 @@ def test_a_new_link_is_known_at_once():
 
 
 def test_a_new_key_node_knows_its_own_neighbours():
-    state, key_nodes, _ = along_a_line([6.0] * 3)
+    graph, key_nodes, _ = along_a_line([6.0] * 3)
     assert key_nodes.known()[3] == 0.0
-    state_of_more, more, _ = along_a_line([6.0] * 4)
+    longer, more, _ = along_a_line([6.0] * 4)
     assert more.known() == {k: 5.0 * (4 - k) for k in range(5)}
-    assert state_of_more.count == state.count + 1
+    assert len(longer) == len(graph) + 1
 
 
 @pytest.fixture(scope="module")
 def driven():
     """The true poses of a simulated drive as nodes, every second scan."""
+    return driven_through(replace(CONFIG, key_nodes=replace(CONFIG.key_nodes, trajectory_length_m=2.0)))
+
+
+def driven_through(config, scans=range(0, 10**6, 2)):
+    """A graph of the true poses of a simulated drive at the given scans, and its key-nodes."""
     simulation = drive(1)
     log = simulation.log
-    state = GraphState(log)
-    key_nodes = KeyNodes(
-        state,
-        ScanPoints(log.scans, CONFIG.scan),
-        replace(CONFIG, key_nodes=replace(CONFIG.key_nodes, trajectory_length_m=2.0)),
-    )
-    for scan in range(0, len(log), 2):
-        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3), np.eye(3)))
-    return state, key_nodes
+    graph = ScanGraph(config, log.scans.geometries)
+    for scan in scans[: len(log) // 2]:
+        add_node(graph, log, scan, simulation.truth[scan], np.eye(3), np.eye(3))
+    return graph, graph.key_nodes
 
 
 def test_only_the_local_grids_asked_for_last_are_kept(driven):
@@ -147,13 +145,10 @@ def test_only_the_local_grids_asked_for_last_are_kept(driven):
 
 def test_a_local_grid_is_built_anew_when_its_key_node_has_grown():
     simulation = drive(1)
-    state = GraphState(simulation.log)
-    key_nodes = KeyNodes(state, ScanPoints(simulation.log.scans, CONFIG.scan), CONFIG)
-    for scan in range(0, 20, 2):
-        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3), np.eye(3)))
+    graph, key_nodes = driven_through(CONFIG, range(0, 20, 2))
     half = key_nodes.local_grid(0)
     for scan in range(20, 30, 2):
-        key_nodes.add_node(state.add_node(scan, simulation.truth[scan], np.eye(3), np.eye(3)))
+        add_node(graph, simulation.log, scan, simulation.truth[scan], np.eye(3), np.eye(3))
     assert key_nodes.last == 0
     assert len(half.poses) == 10
     assert len(key_nodes.local_grid(0).poses) == 15
@@ -161,12 +156,12 @@ def test_a_local_grid_is_built_anew_when_its_key_node_has_grown():
 
 def test_a_local_grid_stands_in_the_frame_of_its_key_nodes_first_node(driven):
     """What a node of the key-node saw lies in its grid where the node stood relative to the first."""
-    state, key_nodes = driven
+    graph, key_nodes = driven
     row = key_nodes.rows[5]
     local = key_nodes.local_grid(5)
     node = (row.first + row.end) // 2
-    pose = se2.between(state.node_pose[row.first], state.node_pose[node])
-    points = key_nodes._points.of(int(state.node_scan[node]))
+    pose = se2.between(graph.chains.poses[row.first], graph.chains.poses[node])
+    points = graph.points.of(node)
     matched, _, _ = SurfaceMatcher(CONFIG.match).judge(local.grid, points, pose)
     assert matched > 0.95 * len(points)
 

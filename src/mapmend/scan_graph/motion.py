@@ -12,6 +12,9 @@ from mapmend.geometry import se2
 
 Float = NDArray[np.float64]
 
+# The standard deviation of a normal distribution over the median of its absolute values.
+STD_PER_MEDIAN = 1.4826
+
 
 def odometry_std(motion: Float, config: MotionConfig) -> tuple[float, float]:
     """Standard deviations of a reported ``motion`` (3,): of the translation in any direction (m), of the turn (rad)."""
