@@ -3,8 +3,8 @@
     python benchmarks/same_bytes.py OLD NEW [--store DIR]
 
 Each commit is checked out into a folder of its own and run with this Python. These outputs are compared: igo, go and
-scanmatch on intel, fr079 and a simulated corridor; `check` and `tune` of the scan graphs in the data folder; `optimize` of
-its pose graphs. JSON is compared without version, seconds and settings. The exit code is 1 if an output differs.
+scanmatch on intel, fr079 and a simulated corridor; `check` and `tune` of the scan graphs in the data folder; `optimize`
+of its pose graphs. JSON is compared without version, seconds and settings. The exit code is 1 if an output differs.
 `--store` keeps the checksums of a commit, so that no commit is run twice.
 """
 

@@ -67,7 +67,7 @@ def odometry_map(graph: PoseGraph) -> OdometryMap:
     """The graph's odometry-only map; edges may point backwards, and there may be several chains.
 
     Odometry edges over several nodes are ignored if there are edges between neighbours: they add no measurement
-    (``front_end.state``).
+    (``scan_graph.chains``).
     """
     n = len(graph)
     steps: list[list[tuple[int, Float]]] = [[] for _ in range(n)]
