@@ -110,7 +110,7 @@ def test_stamps_that_step_back_are_told_and_mapped(mapmend, lines, tmp_path):
 
 def test_a_file_that_is_not_there_and_one_that_is_no_log(mapmend, truth_path, tmp_path):
     assert "no such file" in mapmend("map", tmp_path / "none.clf", "-o", tmp_path / "run").complaint
-    assert "no log but a trajectory" in mapmend("map", truth_path, "-o", tmp_path / "run").complaint
+    assert "holds a trajectory, not a log" in mapmend("map", truth_path, "-o", tmp_path / "run").complaint
 
 
 def test_an_output_folder_that_cannot_be_written(mapmend, log_path, tmp_path):

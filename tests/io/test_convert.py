@@ -92,7 +92,7 @@ def test_a_graph_with_scans_becomes_a_log_with_its_poses_as_odometry(tmp_path, g
     write_g2o(tmp_path / "in.g2o", graph)
     done = convert(tmp_path / "in.g2o", tmp_path / "log.mcap")
     assert done.count == 10
-    assert done.lost == ("10 edges; the nodes' poses stand as odometry",)
+    assert done.lost == ("10 edges; the nodes' poses are written as odometry",)
     log = read(tmp_path / "log.mcap")
     assert np.abs(se2.between(log.odometry, graph.poses)).max() < ROUNDING
     assert np.array_equal(log.stamps_s, graph.stamps_s)
@@ -130,7 +130,7 @@ def test_what_makes_no_sense_is_refused_with_the_reason(tmp_path, log_file, log,
         with pytest.raises(InputError, match=reason):
             convert(source, tmp_path / name)
         assert not (tmp_path / name).exists()
-    for name, reason in (("x.bag", "ROS 1 bags are read, not written"), ("x.xyz", "the name tells no format")):
+    for name, reason in (("x.bag", "ROS 1 bags are read, not written"), ("x.xyz", "the name has no known suffix")):
         with pytest.raises(MapmendError, match=reason):
             convert(log_file, tmp_path / name)
 

@@ -120,7 +120,7 @@ def _stamped(content: Convertible, stamps: str | Path, source: str | Path) -> Co
     """Poses or nodes with times from a separate file."""
     table = read(stamps)
     if not isinstance(table, np.ndarray) or table.dtype != np.float64 or table.shape[1] != 1:
-        raise InputError(stamps, "holds no column of times", "give one time in seconds a line")
+        raise InputError(stamps, "holds no column of times", "give one time in seconds on each line")
     times: Float = table[:, 0].astype(np.float64)
     poses = content.poses if isinstance(content, Path2D | PoseGraph) else None
     if poses is None:
@@ -144,7 +144,7 @@ def as_log(content: Convertible, source: str | Path) -> tuple[ScanLog, list[str]
     stamps = np.full(len(graph), np.nan) if graph.stamps_s is None else graph.stamps_s
     has_stamps = bool(np.isfinite(stamps[rows]).all())
     times = stamps[rows] if has_stamps else np.arange(len(rows), dtype=np.float64)
-    lost = [f"{len(graph.edges)} edges; the nodes' poses stand as odometry"]
+    lost = [f"{len(graph.edges)} edges; the nodes' poses are written as odometry"]
     if len(rows) < len(graph):
         lost.append(f"{len(graph) - len(rows)} nodes without a scan")
     return ScanLog(graph.scans.select(rows), times, graph.poses[rows].copy(), has_stamps, str(source)), lost

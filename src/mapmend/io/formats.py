@@ -27,7 +27,7 @@ def format_of(path: str | Path) -> str:
     if suffix == ".bag":
         raise MapmendError(f"{path}: ROS 1 bags are read, not written; name a folder or a .mcap file for a ROS 2 bag")
     if suffix not in BY_SUFFIX:
-        raise MapmendError(f"{path}: the name tells no format; choose one with --to: {', '.join(FORMATS)}")
+        raise MapmendError(f"{path}: the name has no known suffix; choose a format with --to: {', '.join(FORMATS)}")
     return BY_SUFFIX[suffix]
 
 

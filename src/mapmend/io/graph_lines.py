@@ -176,7 +176,7 @@ def _fields(lines: _Lines, names: tuple[str, ...], path: str | Path) -> Float:
     rows = _parsed(lines, names, path) if lines.values is None else lines.values
     far = (np.abs(rows[:, :5]) > FARTHEST_M).any(axis=1) if len(names) > 1 else np.zeros(len(rows), np.bool_)
     if far.any():
-        what = f"a number beyond {FARTHEST_M:g} is no id, place or angle"
+        what = f"a number beyond {FARTHEST_M:g} is no id, position or angle"
         raise InputError(path, what, MEND, lines.numbers[int(np.argmax(far))])
     return rows
 
@@ -215,7 +215,7 @@ def _refuse_twice(ids: Int, lines: _Lines, path: str | Path) -> None:
     if len(again):
         row = int(order[again + 1].min())
         first = lines.numbers[int(np.argmax(ids == ids[row]))]
-        raise InputError(path, f"vertex {ids[row]} stands already in line {first}", MEND, lines.numbers[row])
+        raise InputError(path, f"vertex {ids[row]} is already in line {first}", MEND, lines.numbers[row])
 
 
 def _rows_of(ids: Int, wanted: Int) -> Int:
@@ -277,7 +277,7 @@ def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
         words, _, count = text.partition(b" of ")
         if count.strip() != b"%d" % edges:
             what = f"this comment counts other edges than the file's {edges}: edges were added or taken out"
-            raise InputError(path, what, "remove it; loops are then told by the ids", number)
+            raise InputError(path, what, "remove it; then the ids decide which edges are loops", number)
         for word in words.split():
             named.add(word, number)
     if not named.texts:
@@ -286,7 +286,7 @@ def _otherwise(content: _Content, edges: int, path: str | Path) -> Int:
     wrong = (rows != np.floor(rows)) | (rows < 0) | (rows >= edges)
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise InputError(path, f"edge {rows[k]:g} of {edges}, counted from 0, is none", MEND, named.numbers[k])
+        raise InputError(path, f"there is no edge {rows[k]:g} among {edges}, counted from 0", MEND, named.numbers[k])
     return rows.astype(np.int64)
 
 
@@ -316,7 +316,7 @@ def _scans(content: _Content, row_of_vertex: Int, nodes: int, path: str | Path) 
     twice = np.flatnonzero(np.diff(owner) == 0)
     if len(twice):
         line = content.lasers.numbers[int(twice[0]) + 1]
-        raise InputError(path, "a second scan for one vertex", "leave one scan a vertex", line)
+        raise InputError(path, "a second scan for one vertex", "leave one scan for each vertex", line)
     rows = _laser_rows(content, path)
     stamps = np.full(nodes, np.nan)
     stamps[owner] = rows.stamps_s

@@ -63,10 +63,10 @@ def parse_pgm(data: bytes, path: str | Path) -> Image:
     """The same for bytes already read; ``path`` is for messages."""
     kind = data[:2]
     if kind not in (b"P5", b"P2"):
-        raise InputError(path, "is no PGM picture", "save the map as PGM (P5 or P2)")
+        raise InputError(path, "is not a PGM picture", "save the map as PGM (P5 or P2)")
     (columns, rows, most), begin = _pgm_header(data, path)
     if not (0 < columns * rows <= _MOST_CELLS and 0 < most <= 255):
-        raise InputError(path, f"{columns} x {rows} cells of 0..{most}", "save the map with 8 bits a cell")
+        raise InputError(path, f"{columns} x {rows} cells of 0..{most}", "save the map with 8 bits for each cell")
     if kind == b"P5":
         cells = np.frombuffer(data, np.uint8, offset=min(begin, len(data)))[: rows * columns]
     else:

@@ -18,5 +18,5 @@ def read_log(
     """The log in a file or ROS bag; raises InputError that says what the file holds if it is no log."""
     content = read(path, lenient, bag, progress)
     if not isinstance(content, ScanLog):
-        raise InputError(path, f"holds no log but a {describe_content(content).kind}", "name a CARMEN log or a ROS bag")
+        raise InputError(path, f"holds a {describe_content(content).kind}, not a log", "name a CARMEN log or a ROS bag")
     return content

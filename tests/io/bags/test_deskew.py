@@ -91,4 +91,4 @@ def test_why_nothing_was_straightened_is_said(tmp_path, has_odometry):
             scan = writer.scan(k * 10**8, "base_link", np.ones(BEAMS), FIRST, STEP, range_max=30.0)
             writer.write("/scan", scan, k * 10**8)
     notes = " ".join(map(str, read_bag(tmp_path / "a.mcap", BagOptions(deskew=True)).notes))
-    assert ("tell no time_increment" if has_odometry else "can't be de-skewed without odometry") in notes
+    assert ("have no time_increment" if has_odometry else "can't be de-skewed without odometry") in notes

@@ -109,7 +109,7 @@ def test_the_odometrys_frame_may_be_unknown_to_the_transforms(tmp_path):
         assert log.scans.geometries[0].T_robot_laser == pytest.approx((0.2, 0, np.pi))
         assert [str(note) for note in log.notes] == [
             "transform that is not finite, left out",
-            "no transform knows the odometry's frame 'base_footprint'; it is taken for 'base_link'",
+            "no transform has the odometry's frame 'base_footprint'; it is taken for 'base_link'",
         ]
 
 

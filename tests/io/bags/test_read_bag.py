@@ -145,7 +145,7 @@ def test_times_of_recording_stand_in_for_missing_stamps(tmp_path):
             bag.write("/scan", bag.scan(0, "laser", np.ones(10), -1.0, 0.2, range_max=8.0), (5 + k) * 10**9)
     log = read_bag(tmp_path / "a.mcap")
     assert log.stamps_s.tolist() == [5.0, 6.0, 7.0]
-    assert "the times of recording are taken" in " ".join(map(str, log.notes))
+    assert "the times of recording are used" in " ".join(map(str, log.notes))
 
 
 def test_the_robots_frame_can_be_chosen(tmp_path, log):

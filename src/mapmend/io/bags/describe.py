@@ -44,7 +44,7 @@ def describe_bag(path: str | Path) -> tuple[dict[str, Any], tuple[str, ...]]:
         topics = [_topic(bag, name, times[name]) for name in bag.topics]
         facts: dict[str, Any] = {"container": bag.kind, "topics": topics, "frames": _frames(frames)}
         notes = tuple(map(str, bag.notes)) + tuple(
-            f"frame '{child}' hangs on '{frames.joints[child].parent}' and on '{parent}'"
+            f"frame '{child}' has two parents, '{frames.joints[child].parent}' and '{parent}'"
             for parent, child in sorted(frames.rivals)
         )
     return facts, notes

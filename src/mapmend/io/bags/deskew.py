@@ -36,7 +36,7 @@ def deskewed(
         return scans
     durations_s = np.array([_duration_s(laser) for laser, _ in lasers])[scans.geometry_index]
     if not durations_s.any():
-        notes.append(Note("sweeps can't be de-skewed: the scans tell no time_increment"))
+        notes.append(Note("sweeps can't be de-skewed: the scans have no time_increment"))
         return scans
     ends_ns = stamps_ns + np.rint(durations_s * 1e9).astype(np.int64)
     motion = between(series.at(stamps_ns), series.at(ends_ns))

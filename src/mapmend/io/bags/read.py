@@ -199,7 +199,7 @@ def _odometry(
         lasers = {laser.frame for laser in gathered.sweeps.lasers}
         if own not in frames and own not in lasers and (named := frames.robot_frame()):
             if own:
-                notes.append(Note(f"no transform knows the odometry's frame '{own}'; it is taken for '{named}'"))
+                notes.append(Note(f"no transform has the odometry's frame '{own}'; it is taken for '{named}'"))
             own = named
     else:
         start = wanted or gathered.sweeps.lasers[0].frame
@@ -226,7 +226,7 @@ def _mountings(gathered: Gathered, robot_frame: str | None, notes: list[Note]) -
             continue
         try:
             if robot_frame is None:
-                raise UnknownFrameError(f"no transform tells where '{frame}' is on the robot")
+                raise UnknownFrameError(f"no transform gives the place of '{frame}' on the robot")
             mountings[frame] = mounting_of(gathered.frames.fixed(robot_frame, frame))
         except UnknownFrameError as error:
             notes.append(Note(f"{error}; the laser is put at the robot's centre, looking ahead"))
@@ -243,7 +243,7 @@ def _stamps(sweeps: Sweeps, notes: list[Note]) -> Int:
     stamps = np.frombuffer(sweeps.stamps_ns, np.int64)
     if stamps.any():
         return stamps
-    notes.append(Note("the scans carry no stamps; the times of recording are taken"))
+    notes.append(Note("the scans carry no stamps; the times of recording are used"))
     return np.frombuffer(sweeps.received_ns, np.int64)
 
 
