@@ -1,10 +1,10 @@
-"""mapmend: 2D laser SLAM that mends its own graph and tells whether the map can be trusted.
+"""mapmend: 2D laser SLAM that mends its own graph and checks whether the map can be trusted.
 
     log = mapmend.read_log("intel.clf.bz2")
     result = mapmend.build_map(log)
     mapmend.write_run(result, "intel-run")
 
-Names are loaded when they are first used, so that importing mapmend costs nothing.
+Names are loaded when they are first used, so that importing mapmend takes no time.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The command line: finds the command and its parser, runs it, and turns what goes wrong into one line.
+"""The command line: finds the command and its parser, runs it, and reports an error in one line.
 
-argparse, and nothing else until a command runs: ``mapmend --help`` and ``mapmend COMMAND --help`` answer before NumPy
+Only argparse is imported until a command runs: ``mapmend --help`` and ``mapmend COMMAND --help`` answer before NumPy
 would be loaded. Exit codes: 0 for yes, 1 for no, 2 for could not (one line on standard error), 130 after Ctrl-C.
 """
 
@@ -24,7 +24,7 @@ TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command, ``sys.argv`` by default, and returns its exit code. What goes wrong is said in one line."""
+    """Runs one command, ``sys.argv`` by default, and returns its exit code. An error is reported in one line."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     words = sys.argv[1:] if arguments is None else list(arguments)
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _fail("not enough memory; take larger cells (grid.cell_size_m) or a shorter log", COULD_NOT)
     except BrokenPipeError:
-        # Whoever read our output has seen enough; the interpreter must not complain about it at exit either.
+        # The reader of our output closed the pipe; the interpreter must not report this at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return COULD_NOT
     except OSError as error:
@@ -77,16 +77,16 @@ def _module(command: str) -> ModuleType:
 
 
 def _fail(what: str, code: int) -> int:
-    """One line on standard error, whatever the message holds."""
+    """One line on standard error, even if the message has several."""
     line = " ".join(what.split())
-    # A person's terminal may stand in the middle of a progress bar's line.
+    # On a terminal, the cursor may be in the middle of a progress bar's line.
     start = "\r" if sys.stderr.isatty() else ""
     print(f"{start}mapmend: {line}", file=sys.stderr)
     return code
 
 
 class _Parser(argparse.ArgumentParser):
-    """Wrong arguments are one line too, not a page of usage."""
+    """Wrong arguments are also reported in one line, not with a page of usage."""
 
     def error(self, message: str) -> NoReturn:
         raise MapmendError(f"{message}; see {self.prog} --help")

@@ -1,4 +1,4 @@
-"""Tells when Numba compiles: the first run only, when the kernels are not in its cache yet."""
+"""Reports when Numba compiles: only in the first run, when the kernels are not in its cache yet."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class CompileWatch:
 
 @contextmanager
 def watch_compiling(tell: Callable[[], None]) -> Iterator[CompileWatch]:
-    """Watches Numba's own compile events within the block: what comes from the cache makes none."""
+    """Watches Numba's own compile events within the block; a kernel from the cache causes none."""
     from numba.core import event
 
     watch = CompileWatch(tell)

@@ -1,4 +1,4 @@
-"""Every setting of mapmend: one frozen block a module, the default in the code, units in the names, TOML in and out."""
+"""Every setting of mapmend: a frozen block for each module, defaults in code, units in names, TOML in and out."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ class MotionConfig:
     min_translation_std_m: float = 0.02
     min_rotation_std_rad: float = 0.03
     hypotheses: int = 30
-    doubt_spread: float = 3.0  # how much wider than the model hypotheses are drawn: doubt says that it may not hold
-    # What the score of a hypothesis three standard deviations or more away must have ahead of the prediction's: there
-    # the log prior is down by 4.5, and neighbouring beams are not independent: some 30 count.
+    doubt_spread: float = 3.0  # how much wider than the model hypotheses are drawn: in doubt, the model may be wrong
+    # By how much the score of a hypothesis three standard deviations or more away must exceed the prediction's. There
+    # the log prior has fallen by 4.5, and of the beams, which are not independent, some 30 count: 4.5 / 30.
     prior_weight: float = 0.15
 
 
@@ -72,7 +72,7 @@ class KeyNodeConfig:
     member_length_m: float = (
         25.0  # how far along graph and trajectory a key-node may be to take part in the global grid
     )
-    near_m: float = 20.0  # nearer key-nodes are in the global grid, or must be out of it
+    near_m: float = 20.0  # nearer key-nodes are in the global grid, or are removed from it
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class LoopConfig:
     enabled: bool = True
     min_separation_m: float = 10.0  # trajectory between two places that may form a loop
     gate_quantile: float = 0.99  # of the chi-square distribution with 3 degrees of freedom, IGO (5)
-    view_std_m: float = 2.5  # how far apart two poses may stand and still see the same walls
+    view_std_m: float = 2.5  # how far apart two poses may be and still see the same walls
     guess_every_m: float = 0.05
     drift_per_m: float = 0.02  # guards the ellipse against over-confident edges
-    farthest_m: float = 60.0  # relocation looks for a robot that drift has carried away, this far at most
+    farthest_m: float = 60.0  # the greatest distance at which relocation looks for the robot after drift
     certain_std_m: float = 0.1  # below it (and the next), the prior is good enough for Gauss-Newton alone
     certain_std_rad: float = 0.05
     min_likelihood: float = 0.45
@@ -98,7 +98,7 @@ class LoopConfig:
     confirm_m: float = 0.2
     confirm_rad: float = 0.05
     tie_weight: float = 0.03
-    tune: bool = False  # let the scans say which loops count (MC section V): --robust auto
+    tune: bool = False  # let the scans decide which loops count (MC section V): --robust auto
 
 
 @dataclass(frozen=True)
@@ -114,16 +114,16 @@ class ConsistencyConfig:
     """The consistency measure and its test (MC III and IV)."""
 
     min_range_m: float = 0.05
-    max_range_m: float = 8.0  # what lies beyond is seen too sparsely; the free space up to there still counts
+    max_range_m: float = 8.0  # points beyond it are too sparse; the free space up to there still counts
     min_points: int = 10  # inconsistent points that a pair must keep to be tested
     drop_points: int = 10  # a pair's largest depths, left out of its test: people, glass, bad readings
     drop_share: float = 0.1
     neighbours: int = 20  # scans before and after along the odometry that a scale is estimated from
-    neighbours_m: float = 6.0  # and no farther than this: key scans lie metres apart, and drift between them
+    neighbours_m: float = 6.0  # and no farther than this: key scans are metres apart, with drift between them
     most_scale_m: float = 0.2  # scans of one pass that contradict each other by more show two walls, not noise
     scale_level: float = 0.05  # (10): a scan's pairs along the odometry all pass at this level
-    prior_std_m: float = 0.03  # what an optimized pose may be off, added to every scale
-    least_inflation: float = 0.4  # how far the pairs of one pass may narrow or widen the scales
+    prior_std_m: float = 0.03  # the error of an optimized pose, added to every scale
+    least_inflation: float = 0.4  # limits of the factor by which the pairs of one pass narrow or widen the scales
     most_inflation: float = 2.0
     pair_level: float = 0.01
     scan_level: float = 0.01
@@ -134,19 +134,19 @@ class ConsistencyConfig:
 
 @dataclass(frozen=True)
 class GMappingConfig:
-    """The particle filter, by the names that GMapping's users know; ``r`` is translation, ``t`` rotation."""
+    """The particle filter, with the names that GMapping's users know; ``r`` is translation, ``t`` rotation."""
 
     particles: int = 30
     linear_update_m: float = 1.0
     angular_update_rad: float = 0.5
-    srr: float = 0.1  # standard deviation of the odometry's translation, m a metre
-    srt: float = 0.2  # of its translation, m a radian
-    str: float = 0.1  # of its rotation, rad a metre
-    stt: float = 0.2  # of its rotation, rad a radian
-    minimum_score: float = 0.3  # the share of the beams below which the odometry alone is believed
+    srr: float = 0.1  # standard deviation of the odometry's translation, m per metre
+    srt: float = 0.2  # of its translation, m per radian
+    str: float = 0.1  # of its rotation, rad per metre
+    stt: float = 0.2  # of its rotation, rad per radian
+    minimum_score: float = 0.3  # the share of the beams below which only the odometry is used
     resample_threshold: float = 0.5  # of the particles: the effective sample size below which they are resampled
     lsigma_m: float = 0.075  # standard deviation of a beam
-    ogain: float = 3.0  # what log-likelihoods are divided by to weigh: neighbouring beams are not independent
+    ogain: float = 3.0  # the divisor of log-likelihoods in the weights: neighbouring beams are not independent
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class Config:
     seed: int = 0
 
 
-# What nothing works with at zero: it is divided by, or nothing would ever be looked at.
+# Settings that must not be zero: they are divisors, or with zero nothing would ever be done.
 ABOVE_ZERO = {
     "grid.cell_size_m",
     "match.reach_m",
@@ -220,7 +220,7 @@ BELOW_ONE = {
 
 
 def to_dict(config: Config) -> dict[str, Any]:
-    """Plain tables, as TOML and JSON have them."""
+    """Plain tables, as in TOML and JSON."""
     return asdict(config)
 
 
@@ -283,7 +283,7 @@ def read_toml(path: str | Path) -> Config:
 
 
 def to_toml(config: Config) -> str:
-    """The text that `read_toml` reads back."""
+    """The configuration as text that `read_toml` can read."""
     lines = [f"seed = {config.seed}"]
     for name, table in to_dict(config).items():
         if isinstance(table, dict):

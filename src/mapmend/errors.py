@@ -1,4 +1,4 @@
-"""What goes wrong with a user's input, said in one line."""
+"""Errors in a user's input, each with a one-line message."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from pathlib import Path
 
 
 class MapmendError(Exception):
-    """Something that the user can mend; the command line prints it as one line and exits with 2."""
+    """An error that the user can correct; the command line prints it as one line and exits with 2."""
 
 
 class InputError(MapmendError):
-    """A file that can't be used: which file, which line, what is wrong, and what to do about it."""
+    """A file that cannot be used: which file, which line, what is wrong, and what to do about it."""
 
     def __init__(self, path: str | Path | None, what: str, mend: str = "", line: int | None = None) -> None:
         self.path = None if path is None else str(path)
@@ -28,4 +28,4 @@ class InputError(MapmendError):
 
 
 class OutputError(MapmendError):
-    """A result that can't be written; nothing of it was left behind."""
+    """A result that cannot be written; no part of it remains."""

@@ -1,4 +1,4 @@
-"""Occupancy maps: a picture of cells, its cells' size, and where it lies."""
+"""Occupancy maps: a picture of cells, the cell size, and the place of the picture."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ FREE, OCCUPIED, UNKNOWN = 254, 0, 205
 """Grey values of a cell, those of nav2's map files."""
 
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
-"""A cell's darkness, 0 for white to 1 for black, above which nav2 takes it for occupied and below which for free."""
+"""The darkness of a cell, from 0 for white to 1 for black: above the first it is occupied for nav2, below the second
+free."""
 
 Image = NDArray[np.uint8]
 

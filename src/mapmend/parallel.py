@@ -1,4 +1,4 @@
-"""The one place where work is spread over threads, progress is told and Ctrl-C is heard."""
+"""The one place where work is spread over threads, progress is reported and Ctrl-C is handled."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Result = TypeVar("Result")
 
 
 class Progress(Protocol):
-    """Told after each piece of work: which stage, how much of how much is done."""
+    """Called after each piece of work: with the stage, how much is done, and of how much."""
 
     def __call__(self, stage: str, done: int, total: int) -> None: ...
 
 
 def no_progress(stage: str, done: int, total: int) -> None:
-    """Tells nobody."""
+    """Reports nothing."""
 
 
 def map_in_order(

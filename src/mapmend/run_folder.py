@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 def write_run(
     result: MapResult, folder: str | Path, *, source: str = "", seconds: dict[str, float] | None = None
 ) -> dict[str, Any]:
-    """Writes a RUN folder, and gives what its run.json says; raises OutputError, leaving nothing behind.
+    """Writes a RUN folder, and returns the content of its run.json; raises OutputError, and then leaves nothing behind.
 
     ``source``: what was mapped. ``seconds``: of stages outside ``result``. Only ``seconds`` differs between two runs of
-    the same log, configuration and seed; ``seconds["write"]`` is the time for all but run.json itself.
+    the same log, configuration and seed; ``seconds["write"]`` is the time for all files except run.json itself.
     """
     from mapmend.view.map_picture import draw_run
 
@@ -45,7 +45,7 @@ def write_run(
 
 
 def run_json(result: MapResult, source: str = "") -> dict[str, Any]:
-    """What run.json holds: enough to make the run again, and what came of it."""
+    """The content of run.json: enough to repeat the run, and its results."""
     rows, columns = result.occupancy.image.shape
     mended = {} if result.mended is None else {"mended": result.mended.to_json()}
     return {
@@ -69,7 +69,7 @@ def run_json(result: MapResult, source: str = "") -> dict[str, Any]:
 
 
 def _tuning(result: TuneResult | None) -> dict[str, Any] | None:
-    """How the loops were weighed, and whether the map came out consistent."""
+    """How the loops were weighed, and whether the map is consistent."""
     if result is None:
         return None
     return {

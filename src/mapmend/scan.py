@@ -1,4 +1,4 @@
-"""Laser scans and logs of them, and the checks that keep a bad scan out."""
+"""Laser scans and logs of them, and the checks that reject bad scans."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BLOCK = 1 << 20  # readings
 
 @dataclass(frozen=True)
 class LaserGeometry:
-    """How a laser looks at the world: beam k points at ``first_angle_rad + k * angle_increment_rad``.
+    """The beams of a laser: beam k has the direction ``first_angle_rad + k * angle_increment_rad``.
 
     A reading at or above ``max_range_m`` is no return. ``T_robot_laser`` is the laser's pose on the robot.
     """
@@ -44,9 +44,9 @@ class LaserGeometry:
 
 @dataclass(frozen=True)
 class Scans:
-    """n scans of any beam counts, end to end in one array.
+    """n scans of any beam counts, one after the other in one array.
 
-    ``ranges_m``: float32, shape (total,), metres; ``inf`` where nothing came back, ``nan`` where a reading is unusable.
+    ``ranges_m``: float32, shape (total,), metres; ``inf`` for no return, ``nan`` for an unusable reading.
     ``offsets``: int64, shape (n + 1,), scan k is ``ranges_m[offsets[k]:offsets[k + 1]]``, empty for "none".
     ``geometry_index``: int32, shape (n,), into ``geometries``.
     """
@@ -81,11 +81,11 @@ class Scans:
         return self.ranges_m[self.offsets[k] : self.offsets[k + 1]]
 
     def laser_of(self, k: int) -> int:
-        """Which of ``geometries`` scan k was taken with."""
+        """The geometry of scan k."""
         return int(self.geometry_index[k])
 
     def replace_ranges_of(self, k: int, ranges_m: NDArray[np.float32]) -> None:
-        """Puts other readings in the place of scan k's, as many."""
+        """Replaces the readings of scan k by the same number of others."""
         self.ranges_of(k)[:] = ranges_m
 
     def blocks(self) -> Iterator[NDArray[np.float32]]:
@@ -106,7 +106,7 @@ class Scans:
 
 
 def checked_ranges(ranges_m: ArrayLike, geometry: LaserGeometry) -> NDArray[np.float32]:
-    """The readings of one scan as float32, shape (beams,); raises MapmendError where they are not of that laser."""
+    """The readings of one scan as float32, shape (beams,); raises MapmendError if they are not of that laser."""
     ranges = np.asarray(ranges_m, dtype=np.float32)
     if ranges.shape != (geometry.beam_count,):
         raise MapmendError(f"ranges_m must have shape ({geometry.beam_count},), got {ranges.shape}")
@@ -118,7 +118,7 @@ def checked_ranges(ranges_m: ArrayLike, geometry: LaserGeometry) -> NDArray[np.f
 
 @dataclass(frozen=True)
 class Note:
-    """Something odd about a file that did not keep it from being read: what, how often, where first."""
+    """Something odd about a file that could still be read: what, how often, and in which line first."""
 
     what: str
     count: int = 1
@@ -132,11 +132,11 @@ class Note:
 
 @dataclass(frozen=True)
 class ScanLog:
-    """A recording: one row a scan, in the order of recording.
+    """A recording: one row for each scan, in the order of recording.
 
-    ``stamps_s``: shape (n,), seconds; the row number where the log has no usable stamps (``has_stamps`` False).
-    ``odometry``: shape (n, 3), ``T_odometry_robot`` at each scan, zero where there is none (``has_odometry`` False).
-    ``notes`` say what was odd.
+    ``stamps_s``: shape (n,), seconds; the row number if the log has no usable stamps (``has_stamps`` False).
+    ``odometry``: shape (n, 3), ``T_odometry_robot`` at each scan, zero if there is none (``has_odometry`` False).
+    ``notes`` describe what was odd.
     """
 
     scans: Scans
@@ -161,5 +161,5 @@ class ScanLog:
 
     @property
     def odometry_moves(self) -> bool:
-        """Whether the odometry reports any motion at all; a log without odometry carries one pose throughout."""
+        """Whether the odometry reports any motion at all; a log without odometry has the same pose throughout."""
         return bool(len(self) and np.any(self.odometry != self.odometry[0]))

@@ -1,9 +1,9 @@
-"""The whole method on a page: from a log to a trajectory, a pose graph with scans, and a map.
+"""The whole method on one page: from a log to a trajectory, a pose graph with scans, and a map.
 
 read   io.read_log           a log of scans, with the odometry at each
 match  front_end.builder     IGO III: predict, match, open nodes and key-nodes, search loops, optimize (IGO's "GO")
-mend   igo.iterate           IGO IV: match edges again from where the optimizer has the nodes, until chi2 settles
-tune   tuning.dcs            where asked for: how far loops are doubted, by the scans (MC V)
+mend   igo.iterate           IGO IV: match edges again from the optimizer's poses, until chi2 settles
+tune   tuning.dcs            if wanted: choose by the scans from which chi2 on loops are doubted (MC V)
 map    grid.occupancy        the nodes' scans at the optimized poses
 write  run_folder            trajectory, graph, map, and a picture of them
 """
@@ -45,13 +45,13 @@ DEFAULT_CONFIG = Config()
 
 @dataclass(frozen=True)
 class MapResult:
-    """What a method made of a log. All poses are ``T_map_robot``; the map's frame is the robot's at the first scan,
-    turned by ``alignment.T_map_start`` where the configuration asks for straight maps.
+    """The result of a method. All poses are ``T_map_robot``; the map's frame is the robot's at the first scan, turned
+    by ``alignment.T_map_start`` if the configuration wants straight maps.
 
     ``trajectory``: a pose for every scan, in the log's order. ``graph``: the nodes with their scans and stamps.
     ``key_nodes``: rows of the graph's nodes that open a key-node. ``chi2_initial`` is that of the odometry edges laid
     end to end, ``chi2_final`` that of the graph's poses. ``mended``: the rounds of ``igo``,
-    None for other methods. ``tuning``: where the configuration asks for it. ``seconds``: by stage.
+    None for other methods. ``tuning``: None unless the configuration wants it. ``seconds``: by stage.
     """
 
     method: str
@@ -71,10 +71,10 @@ class MapResult:
 
 @dataclass(frozen=True)
 class Built:
-    """What a method hands over to the map: a graph with scans, ``scan_poses`` (n, 3) for all scans, and what it did.
+    """The input of the map: a graph with scans, ``scan_poses`` (n, 3) for all scans, and what the method did.
 
-    ``scans_at``: gives the poses of all scans when the nodes stand elsewhere, (nodes, 3); None where the method keeps
-    no nodes that could move.
+    ``scans_at``: gives the poses of all scans for other poses of the nodes, (nodes, 3); None if the method has no nodes
+    that could move.
     """
 
     graph: PoseGraph
@@ -96,8 +96,8 @@ def build_map(
 ) -> MapResult:
     """Maps a log by one of `METHODS`; the same log, configuration and seed give the same result for any ``threads``.
 
-    A log that has no odometry is mapped from the laser alone, and ``MapResult.config`` says so. Raises MapmendError for
-    a method that there is not, and for a log without motion, scans or returns.
+    A log without odometry is mapped from the laser alone, and ``MapResult.config`` says so. Raises MapmendError for an
+    unknown method, and for a log without motion, scans or returns.
     """
     if not log.has_odometry:
         config = replace(config, motion=replace(config.motion, use_odometry=False))
@@ -138,7 +138,7 @@ def build_map(
 def iterative_graph_optimization(
     log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1
 ) -> Built:
-    """``igo``: what ``go`` builds, mended. IGO section IV, Algorithm 1."""
+    """``igo``: the graph of ``go``, mended. IGO section IV, Algorithm 1."""
     from mapmend.front_end.builder import FrontEnd
     from mapmend.igo.iterate import iterate
 
@@ -165,12 +165,12 @@ def _built(front_end: FrontEnd) -> Built:
 
 
 def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
-    """``scanmatch``: laser odometry alone, the same front end without its loops."""
+    """``scanmatch``: laser odometry alone, which is the same front end without loops."""
     return graph_optimization(log, replace(config, loops=replace(config.loops, enabled=False)), progress, threads)
 
 
 def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
-    """``odometry``: the poses that the log reports, from the first one on, and the graph that they make."""
+    """``odometry``: the poses of the log, relative to the first one, and a graph of them."""
     from mapmend.scan_graph.chains import OdometryEdge
     from mapmend.scan_graph.motion import odometry_covariance
     from mapmend.scan_graph.scan_graph import ScanGraph
@@ -192,7 +192,7 @@ def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progres
 
 
 def aligned(built: Built, config: Config) -> tuple[Built, Alignment | None]:
-    """The same with its walls along the map's axes, and how it was turned, where the configuration asks for it."""
+    """The same with its walls along the map's axes, and the turn, if the configuration wants it."""
     graph = built.graph
     if not config.grid.align or graph.scans is None:
         return built, None
@@ -222,10 +222,10 @@ METHODS: dict[str, Callable[[ScanLog, Config, Progress, int], Built]] = {
 
 
 def tuned(built: Built, config: Config, threads: int, progress: Progress) -> tuple[Built, TuneResult | None]:
-    """The nodes where the most consistent map has them, MC section V; as they are where no loop could be doubted.
+    """The nodes at their poses in the most consistent map, MC section V; unchanged if there is no loop to doubt.
 
-    Every solve starts where the front end's optimum is: there the widest kernel leaves the map as it is, so that tuning
-    can't lose what the front end has closed.
+    Every solution starts at the front end's optimum, where the widest kernel leaves the map as it is, so that tuning
+    cannot lose a loop that the front end has closed.
     """
     from mapmend.tuning.dcs import tune
 
@@ -237,7 +237,7 @@ def tuned(built: Built, config: Config, threads: int, progress: Progress) -> tup
 
 
 def check_method(method: str, config: Config) -> None:
-    """Raises MapmendError for a method that there is not, or that the configuration leaves nothing to go by."""
+    """Raises MapmendError for an unknown method, or for one that needs what the configuration switches off."""
     if method not in METHODS:
         raise MapmendError(f"there is no method '{method}'; use one of {', '.join(METHODS)}")
     if method == "odometry" and not config.motion.use_odometry:
@@ -245,7 +245,7 @@ def check_method(method: str, config: Config) -> None:
 
 
 def check_log(log: ScanLog, config: Config) -> None:
-    """Raises InputError, naming the log, where no map can come of it."""
+    """Raises InputError that names the log if no map can be made from it."""
     source = log.source or None
     if len(log) < 2:
         raise InputError(source, f"holds {len(log)} scan{'s' * (len(log) != 1)}", "a map takes at least two")
@@ -259,7 +259,7 @@ def check_log(log: ScanLog, config: Config) -> None:
 
 @contextmanager
 def stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
-    """Notes under ``name`` how long the block took."""
+    """Stores under ``name`` how long the block took."""
     began = time.perf_counter()
     yield
     seconds[name] = time.perf_counter() - began

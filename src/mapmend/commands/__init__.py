@@ -1,7 +1,7 @@
-"""One file a command, named as the command: ``add_arguments(parser)`` and ``run(args)``, which gives the exit code.
+"""One file for each command, with its name: ``add_arguments(parser)`` and ``run(args)``, which returns the exit code.
 
 A command's file imports what its work needs inside its functions, so that its ``--help`` is as fast as that of mapmend.
-What commands share stands in ``common/``.
+``common/`` holds the code that commands share.
 """
 
 SUMMARIES = {

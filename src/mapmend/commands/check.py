@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 INCONSISTENT = 1
 PICTURE = "check.png"
 MOST_REGIONS, MOST_SUSPECTS, MOST_SCANS = 5, 3, 4
-"""So many of each are listed for people; JSON has them all."""
+"""At most this many of each are listed as text; JSON has all of them."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Checks ``args.graph``; 0 where it is consistent, 1 where not."""
+    """Checks ``args.graph``; returns 0 if it is consistent, 1 if not."""
     from mapmend.consistency.check import check
     from mapmend.io.output import check_file_writable, write_whole
 
@@ -58,7 +58,7 @@ def run(args: Namespace) -> int:
 
 
 def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
-    """What ``--json`` prints; nodes by their ids."""
+    """The output of ``--json``; nodes by their ids."""
     corners = result.views.scans.corner_offsets
     return {
         "consistent": result.consistent,
@@ -91,7 +91,7 @@ def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
 
 
 def lines(values: dict[str, Any], picture: Path) -> list[str]:
-    """The report for people."""
+    """The report as text."""
     verdict = "consistent" if values["consistent"] else "INCONSISTENT"
     text = [
         f"the map is {verdict}: p = {values['p_value']:.3g}",
@@ -134,7 +134,7 @@ def _edge(graph: PoseGraph, edge: int) -> dict[str, int]:
 
 
 def _folder(args: Namespace) -> Path:
-    """Where the picture goes; made where it is named and not there."""
+    """The folder for the picture; it is made if it is named and does not exist."""
     if not args.output:
         return Path(args.graph) if Path(args.graph).is_dir() else Path()
     folder = Path(args.output)

@@ -50,7 +50,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Runs every method in a process of its own, then shows them together; one folder, whole or not at all."""
+    """Runs every method in a process of its own, then shows them together; writes one folder, whole or not at all."""
     request = _request(args)
     check_writable(args.output)
     rows: list[dict[str, Any]] = []
@@ -79,7 +79,7 @@ def run(args: Namespace) -> int:
 
 
 def _request(args: Namespace) -> dict[str, Any]:
-    """What the children are told; wrong settings and relations are refused before the work begins."""
+    """The requests to the child processes; wrong settings and relations are refused before the work begins."""
     from mapmend.config import to_dict
     from mapmend.io.relations import read_relations
     from mapmend.slam import check_method
@@ -107,7 +107,7 @@ def _request(args: Namespace) -> dict[str, Any]:
 
 
 def _run_child(request: dict[str, Any], progress: ProgressBar) -> dict[str, Any]:
-    """One method's row; a method that could not end well says why under ``failed``."""
+    """One method's row; if the method failed, ``failed`` gives the reason."""
     command = [sys.executable, "-m", "mapmend.commands.compare_child", json.dumps(request)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
@@ -156,7 +156,7 @@ def _verdict(row: dict[str, Any]) -> str:
 
 
 def _lines(values: dict[str, Any], folder: str) -> list[str]:
-    """The table for people, and where the rest is."""
+    """The table as text, and where the rest is."""
     with_errors = values["relations"] is not None
     head = ["method", *(["error [m]", "rotation [deg]"] if with_errors else [])]
     head += ["seconds", "CPU [s]", "memory [MB]", "loops", "check"]

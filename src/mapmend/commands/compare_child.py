@@ -1,7 +1,7 @@
 """One method's part of ``mapmend compare``, in a process of its own: its time and its peak memory are the method's.
 
 ``python -m mapmend.commands.compare_child`` takes one JSON object as its argument and prints JSON lines: progress, then
-the result or what went wrong. Not for people: ``mapmend compare`` is.
+the result or an error. It is not for users; ``mapmend compare`` calls it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TELL_EVERY_S = 0.2
 
 
 def main() -> int:
-    """Maps, measures, checks; the exit code is 0 where a result was printed."""
+    """Maps, measures, checks; the exit code is 0 if a result was printed."""
     try:
         _tell({"result": measured(json.loads(sys.argv[1]))})
     except KeyboardInterrupt:
@@ -41,7 +41,7 @@ def main() -> int:
 
 
 def measured(request: dict[str, Any]) -> dict[str, Any]:
-    """What came of one method: errors, seconds without compiling, peak memory up to the written RUN, verdict."""
+    """The results of one method: errors, seconds without compiling, peak memory up to the written RUN, verdict."""
     config, progress = from_dict(request["config"]), _Progress()
     began, began_cpu = time.perf_counter(), time.process_time()
     log = read_log(request["log"], request["lenient"], bag_options(Namespace(**request["bag"])))
@@ -74,7 +74,7 @@ def _errors(result: MapResult, path: str) -> dict[str, Any]:
 
 
 def _verdict(result: MapResult, threads: int, progress: _Progress) -> dict[str, Any]:
-    """What ``mapmend check`` says of the graph; ``consistent`` is None where it cannot say."""
+    """The result of ``mapmend check`` for the graph; ``consistent`` is None if there is no verdict."""
     from mapmend.consistency.check import check
 
     try:
@@ -85,7 +85,7 @@ def _verdict(result: MapResult, threads: int, progress: _Progress) -> dict[str, 
 
 
 class _Progress:
-    """Tells whoever started this process, not too often."""
+    """Reports progress to the parent process, not too often."""
 
     def __init__(self) -> None:
         self._told = 0.0

@@ -1,4 +1,4 @@
-"""``mapmend convert``: one file in, another kind of file out."""
+"""``mapmend convert``: a file to another format."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Converts, and says what the new file has no place for."""
+    """Converts, and says what the new file cannot hold."""
     from mapmend.datasets.cache import named_file
     from mapmend.io.convert import convert
 

@@ -20,7 +20,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Lists what there is, or fetches what is named."""
+    """Lists the datasets, or fetches those that are named."""
     return _list(args) if args.action == "list" else _fetch(args)
 
 

@@ -100,7 +100,7 @@ def _panel(method: str, errors: TrajectoryErrors, result: MapResult) -> MapPanel
 
 
 def _write_run_file(values: dict[str, Any], place: Path) -> None:
-    """What tells the folder as ours, without the seconds, which no two runs share."""
+    """The content that marks the folder as ours, without the seconds, which differ in every run."""
     methods = [{name: value for name, value in row.items() if name != "seconds"} for row in values["methods"]]
     write_whole(place / RUN_FILE, json.dumps({**values, "methods": methods}, indent=2) + "\n")
 

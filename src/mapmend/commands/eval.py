@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TimedPoses:
-    """Robot poses (n, 3) at stamps (n,); ``T_robot_laser`` where the file tells it, and ``what`` they are."""
+    """Robot poses (n, 3) at stamps (n,); ``T_robot_laser`` if the file has it, and ``what`` the poses are."""
 
     stamps_s: Float
     poses: Float
@@ -36,7 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Measures ``args.file``; the numbers alone decide nothing, so the exit code is 0."""
+    """Measures ``args.file``; there is no verdict, so the exit code is 0."""
     import numpy as np
 
     if not (args.relations or args.reference):
@@ -89,7 +89,7 @@ def load(path: str, lenient: bool = False) -> TimedPoses:
 
 
 def _mounting(scans: Scans | None) -> tuple[float, float, float] | None:
-    """Where the laser sits, if all sit alike."""
+    """The mounting of the laser, if all lasers have the same."""
     mountings = set() if scans is None else {geometry.T_robot_laser for geometry in scans.geometries}
     return mountings.pop() if len(mountings) == 1 else None
 
@@ -108,7 +108,7 @@ def _against_relations(measured: TimedPoses, path: str, mounting: Float | None) 
 
 
 def _against_reference(measured: TimedPoses, path: str, lenient: bool, mounting: Float | None) -> dict[str, Any]:
-    """The reference is taken for the frame that is compared: only the measured poses move to the laser."""
+    """The reference is used as it is: with the laser's frame, only the measured poses are moved to the laser."""
     from mapmend.evaluation.trajectory import trajectory_errors
     from mapmend.geometry.se2 import compose
 

@@ -1,4 +1,4 @@
-"""``mapmend map``: a log in, a RUN folder out."""
+"""``mapmend map``: makes a RUN folder from a log."""
 
 from __future__ import annotations
 
@@ -39,12 +39,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def _import_ahead() -> None:
-    """Loads what matching needs while the log is unpacked: both take about as long, on a core each."""
+    """Imports the modules for matching while the log is decompressed: both take about equally long, each on one
+    core."""
     import mapmend.igo.iterate  # noqa: F401
 
 
 def run(args: Namespace) -> int:
-    """Reads, maps, writes; what can't end well is refused before the work begins."""
+    """Reads, maps, writes; bad arguments are refused before the work begins."""
     from mapmend.datasets.cache import named_file
     from mapmend.io.read_log import read_log
     from mapmend.run_folder import write_run
@@ -75,7 +76,7 @@ def run(args: Namespace) -> int:
 
 
 def summary(values: dict[str, Any], folder: str) -> list[str]:
-    """What came of it, for people; ``values`` is run.json's."""
+    """The result as text; ``values`` is the content of run.json."""
     counts, seconds, extent = values["counts"], values["seconds"], values["extent_m"]
     lines = [
         f"{values['log']}: {counts['scans']} scans, {values['path_m']:.1f} m of path "

@@ -1,4 +1,4 @@
-"""``mapmend optimize``: a pose graph in, the same graph at its optimum out."""
+"""``mapmend optimize``: moves a pose graph to its optimum."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Reads, optimizes, writes; what can't end well is refused before the work begins."""
+    """Reads, optimizes, writes; bad arguments are refused before the work begins."""
     import numpy as np
 
     from mapmend.datasets.cache import named_file
@@ -109,7 +109,7 @@ def read_graph(path: Path) -> tuple[PoseGraph, str]:
 def _values(
     args: Namespace, kernel: Kernel | None, graph: PoseGraph, found: StartedResult, given_chi2: float
 ) -> dict[str, Any]:
-    """What ``--json`` prints, but for the seconds; ``init`` is the start that was taken, ``ends`` those tried."""
+    """The output of ``--json``, without the seconds; ``init`` is the start that was taken, ``ends`` those tried."""
     from mapmend.graph.optimizer import edge_chi2
     from mapmend.graph.robust import distrusted
 
@@ -141,7 +141,7 @@ def _values(
 
 
 def _lines(values: dict[str, Any]) -> list[str]:
-    """The same for people."""
+    """The same as text."""
     seconds = values["seconds"]
     spent = {name: value for name, value in seconds.items() if name != "compile"}
     compiled = f"; {seconds['compile']:.1f} of them compiling" if seconds["compile"] else ""
@@ -163,7 +163,7 @@ def _lines(values: dict[str, Any]) -> list[str]:
 
 
 def _start_lines(values: dict[str, Any]) -> list[str]:
-    """Which start was taken; where several were tried, how each of them ended."""
+    """Which start was taken; if several were tried, the end of each."""
     ends = values["ends"]
     if len(ends) == 1:
         return [] if values["init"] == "given" else [f"  start: {values['init']}, chi2 {values['chi2_start']:.3f}"]
@@ -176,7 +176,7 @@ def _start_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _distrust_lines(rows: list[dict[str, Any]]) -> list[str]:
-    """The edges least trusted, the worst first."""
+    """The least trusted edges, the worst first."""
     from mapmend.graph.robust import DISTRUST_WEIGHT
 
     lines = [f"  distrusts {len(rows)} edges (weight below {DISTRUST_WEIGHT:g})"]

@@ -26,7 +26,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Checks the graphs of ``args.run`` and ``args.compare`` and writes the page; 0 whatever the verdict."""
+    """Checks the graphs of ``args.run`` and ``args.compare`` and writes the page; returns 0 for any verdict."""
     from mapmend.report.page import report_page
     from mapmend.report.run_data import read_checked
 

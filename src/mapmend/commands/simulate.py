@@ -41,7 +41,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Simulates and writes log.clf, truth.tum, world.png, and run.json, which says what was simulated."""
+    """Simulates and writes log.clf, truth.tum, world.png, and run.json, which describes the simulation."""
     from mapmend.simulation import LaserModel, OdometryModel, first_scans, simulate, world_named
     from mapmend.trajectory import path_length_m
 

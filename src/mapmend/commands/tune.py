@@ -25,7 +25,7 @@ MOST_ROWS = 10
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where the optimized graph and the picture go."""
+    """The paths of the optimized graph and the picture."""
 
     graph: Path
     format: str
@@ -57,7 +57,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Tunes ``args.graph``; 0 where the map at phi* is consistent, 1 where no phi gives a consistent one."""
+    """Tunes ``args.graph``; returns 0 if the map is consistent, 1 if no phi gives a consistent one."""
     from mapmend.tuning.dcs import tune
 
     config = read_config(args)
@@ -95,7 +95,7 @@ def run(args: Namespace) -> int:
 
 
 def _outputs(output: str | None) -> Outputs | None:
-    """A name that ends as graphs do is the graph's, with the picture beside it; any other is a folder for both."""
+    """A name with a graph's suffix is the graph's, with the picture beside it; any other is a folder for both."""
     if not output:
         return None
     path = Path(output)
@@ -121,7 +121,7 @@ def _write(outputs: Outputs, result: TuneResult, args: Namespace) -> None:
 
 
 def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict[str, Any]:
-    """What ``--json`` prints, but for the seconds; nodes by their ids."""
+    """The output of ``--json``, without the seconds; nodes by their ids."""
     from mapmend.graph.optimizer import edge_chi2
     from mapmend.graph.robust import TRUE_EDGE_CHI2
     from mapmend.tuning.dcs import PUBLISHED_PHI
@@ -163,7 +163,7 @@ def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict
 
 
 def lines(values: dict[str, Any]) -> list[str]:
-    """The report for people."""
+    """The report as text."""
     from mapmend.tuning.dcs import PUBLISHED_PHI
 
     seconds = {name: value for name, value in values["seconds"].items() if name != "compile"}
@@ -189,7 +189,7 @@ def lines(values: dict[str, Any]) -> list[str]:
 
 
 def _off_lines(values: dict[str, Any]) -> list[str]:
-    """The loops that were switched off, those farthest off first; and how many contradict the map at all."""
+    """The loops that were switched off, the worst first, and how many of them contradict the map."""
     from mapmend.graph.robust import TRUE_EDGE_CHI2
 
     rows = values["switched_off"]

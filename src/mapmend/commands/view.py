@@ -19,7 +19,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Replays ``args.run``; what is missing, a screen included, is told before anything is read."""
+    """Replays ``args.run``; a missing screen or package is reported before anything is read."""
     from mapmend.io.nav2 import read_map
     from mapmend.io.reader import read_run
     from mapmend.report.run_data import read_run_json

@@ -1,4 +1,4 @@
-"""What commands print: progress, notes, tables, JSON."""
+"""The output of commands: progress, notes, tables, JSON."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COMPILING_AGAIN = "compiling kernels (at every run: no folder to keep them in; l
 
 
 class ProgressBar:
-    """A bar on standard error, where that is a terminal, for work of more than a second. Used as a context."""
+    """A bar on standard error, if that is a terminal, for work of more than a second. Used as a context."""
 
     def __init__(self) -> None:
         self._began = time.monotonic()
@@ -33,7 +33,7 @@ class ProgressBar:
         self._tasks: dict[str, TaskID] = {}
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Told by the library after each piece of work."""
+        """Called by the library after each piece of work."""
         if not self._is_terminal or time.monotonic() - self._began < QUIET_S:
             return
         if self._bar is None:
@@ -63,7 +63,7 @@ def _new_bar() -> RichProgress:
 
 @contextmanager
 def told_compiling() -> Iterator[CompileWatch]:
-    """Says once on standard error when kernels are compiled within the block; the watch knows for how long."""
+    """Reports once on standard error if kernels are compiled within the block; the watch measures for how long."""
     from mapmend.compiling import watch_compiling
 
     with watch_compiling(_say_compiling) as watch:
@@ -77,12 +77,12 @@ def _say_compiling() -> None:
 
 
 def say(text: str) -> None:
-    """One line for people, on standard error."""
+    """One line for the user, on standard error."""
     print(f"mapmend: {text}", file=sys.stderr, flush=True)
 
 
 def say_notes(notes: Sequence[Note]) -> None:
-    """What is odd about a log, a line each, the first few."""
+    """The first few notes on what is odd about a log, one on each line."""
     for note in notes[:MOST_NOTES]:
         say(f"note: {note}")
     if len(notes) > MOST_NOTES:
@@ -95,7 +95,7 @@ def print_json(values: dict[str, Any]) -> None:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns that line up: the first to the left, the others to the right."""
+    """Aligned columns: the first to the left, the others to the right."""
     lines = [tuple(head), *map(tuple, rows)]
     widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
     lines.insert(1, tuple("-" * width for width in widths))

@@ -1,4 +1,4 @@
-"""What several commands read."""
+"""Inputs that several commands read."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def load_graph(path: str) -> PoseGraph:
-    """The graph in a RUN folder or a file; raises InputError, saying what is there instead."""
+    """The graph in a RUN folder or a file; raises InputError that says what is there instead."""
     from mapmend.datasets.cache import named_file
     from mapmend.graph.pose_graph import PoseGraph
     from mapmend.io.info import describe_content

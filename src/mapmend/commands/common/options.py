@@ -49,7 +49,7 @@ def add_threads(parser: ArgumentParser) -> None:
 
 
 def thread_count(asked: int) -> int:
-    """``asked``, or as many as cores may be used where that is 0."""
+    """``asked``, or the number of usable cores if that is 0."""
     if asked:
         return asked
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
