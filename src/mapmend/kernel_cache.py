@@ -1,8 +1,8 @@
 """Where compiled kernels are kept, and under which key: one that changes with the source of any kernel.
 
-Numba's own cache knows a function by the file that defines it alone, although the functions that it calls are compiled
-into it: after a change of a function in another file it would still load the old code. Here the folder's name carries
-a fingerprint of the sources of all kernels.
+Numba's own cache identifies a function only by the file that defines it, although the functions that it calls are
+compiled into it: after a change of a function in another file it would still load the old code. Here the folder's name
+contains a fingerprint of the sources of all kernels.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
 @functools.cache
 def fingerprint() -> str:
-    """Of the sources of all kernels, and of the versions of Python and Numba, 16 hexadecimal digits."""
+    """The fingerprint of the sources of all kernels and the versions of Python and Numba, 16 hexadecimal digits."""
     content = hashlib.sha256(f"{platform.python_version()} {numba.__version__}".encode())
     for path in kernel_files():
         source = path.read_bytes()
@@ -55,24 +55,24 @@ def fingerprint() -> str:
 
 
 def kernel_files() -> list[Path]:
-    """The files that hold kernels, and types that stand in their signatures, in order."""
+    """The files with kernels, and with types in their signatures, in order."""
     folders = (Path(folder) for folder, _, _ in os.walk(PACKAGE) if not folder.endswith("__pycache__"))
     return sorted(path for folder in folders for path in folder.glob("_*kernel*.py"))
 
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """The folder of this fingerprint, made where it is missing, or None where no place can be written.
+    """The folder of this fingerprint, made if it is missing, or None if no place can be written.
 
-    Places, first to last: ``NUMBA_CACHE_DIR``, the package's ``__pycache__``, the user's folder for caches. A folder
-    that is new drives out old ones.
+    Places, first to last: ``NUMBA_CACHE_DIR``, the package's ``__pycache__``, the user's folder for caches. When a new
+    folder is made, old ones are removed.
     """
     for place in _places():
         folder = place / f"{PREFIX}{fingerprint()}"
         try:
             is_new = not folder.is_dir()
             folder.mkdir(parents=True, exist_ok=True)
-            # Marks the folder as used; and fails, as it should, where the folder can be read only.
+            # This marks the folder as used, and fails, as it should, if the folder is read-only.
             (folder / "used").touch()
         except OSError:
             continue
@@ -92,7 +92,7 @@ def _places() -> list[Path]:
 
 
 def _remove_old(place: Path) -> None:
-    """Removes what the kernels of other versions left, but for the latest and for what may still be in use."""
+    """Removes the folders of other versions, except the latest and those that may still be in use."""
     used_s = {}
     for folder in place.glob(f"{PREFIX}*"):
         try:
@@ -106,7 +106,7 @@ def _remove_old(place: Path) -> None:
 
 
 class _Locator:
-    """What Numba asks about the place of one function in the cache."""
+    """Numba's interface for the place of one function in the cache."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._py_file = function.__code__.co_filename
@@ -128,7 +128,7 @@ class _Locator:
 
 class _KernelCacheImpl(CompileResultCacheImpl):
     def __init__(self, function: Callable[..., Any]) -> None:
-        # In place of Numba's, which looks for one place a file.
+        # Instead of Numba's own, which finds a place for each file.
         self._lineno = function.__code__.co_firstlineno
         self._locator = _Locator(function)
         name = f"{function.__module__}.{function.__qualname__}"
