@@ -27,16 +27,16 @@ from mapmend.scan_graph.scan_graph import ScanGraph
 Float = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
-# An optimization that moves no node by more leaves the global grid as it is.
+# If an optimization moves no node by more than this, the global grid stays as it is.
 STILL_M = 0.02
 STILL_RAD = 0.007
-# A loop edge to a known key-node that disagrees by more calls for an optimization.
+# If a loop edge to a known key-node disagrees by more than this, the graph is optimized.
 STRAIN_M = 0.06
 STRAIN_RAD = 0.02
 
 
 class FrontEnd:
-    """Takes the scans of a drive one after the other; `graph` then holds nodes, edges and where every scan hangs.
+    """Takes the scans of a drive one after the other; `graph` then holds nodes, edges and the place of every scan.
 
     ``geometries``: the lasers that scans come from; more may be added to ``graph.scans.geometries`` on the way.
     """
@@ -67,10 +67,10 @@ class FrontEnd:
         return self.finish()
 
     def add_scan(self, ranges_m: ArrayLike, stamp_s: float, odometry: ArrayLike | None, laser: int = 0) -> Float:
-        """Finds the next scan and closes the loops that show with it; ``T_map_robot`` (3,), as it is known now.
+        """Finds the pose of the next scan and closes loops found with it; returns the current ``T_map_robot`` (3,).
 
-        ``ranges_m`` (beams,): inf for no return, nan for a reading that is no good. ``odometry`` (3,):
-        ``T_odometry_robot`` at the scan, or None if the configuration goes without (``motion.use_odometry``).
+        ``ranges_m`` (beams,): inf for no return, nan for an unusable reading. ``odometry`` (3,):
+        ``T_odometry_robot`` at the scan, or None if the configuration does not use it (``motion.use_odometry``).
         ``laser``: which of the geometries. Raises MapmendError for a wrong shape or value; the graph is then unchanged.
         """
         geometries = self.graph.scans.geometries
@@ -87,13 +87,14 @@ class FrontEnd:
         return self._pose.copy()
 
     def finish(self) -> ScanGraph:
-        """Optimizes the graph of now, as after the last scan; more scans may follow."""
+        """Optimizes the current graph, as after the last scan; more scans may follow."""
         if self.config.loops.enabled and self.graph.loops:
             self._optimize()
         return self.graph
 
     def _take_scan(self, ranges_m: Float32, stamp_s: float, odometry: Float, laser: int) -> None:
-        """Finds a scan, makes it a node where the robot went far enough, and closes the loops of that node."""
+        """Finds the pose of a scan, makes it a node if the robot moved far enough, and closes the loops of that
+        node."""
         graph, odometry = self.graph, se2.to_the_nanometre(odometry)
         if len(graph.hung) == 0:
             self._open_node(ranges_m, laser, self._pose, None)
@@ -118,7 +119,7 @@ class FrontEnd:
         self._insert(ranges_m, laser, pose)
 
     def _reported_motion(self, odometry: Float) -> Float:
-        """The odometry's step to a scan; without odometry, the step before it again."""
+        """The odometry's step to a scan; without odometry, the previous step again."""
         hung = self.graph.hung
         if self.config.motion.use_odometry:
             return se2.between(hung.odometry[-1], odometry)
@@ -143,7 +144,7 @@ class FrontEnd:
             self._global.refresh()
 
     def _edge_covariance(self, match: Match) -> tuple[Float, Float]:
-        """IGO (2) of the edge to the newest match, and its drift. Both ends were matched, each with its own noise."""
+        """IGO (2) of the edge to the newest match, and its drift. Both ends were matched, with independent noise."""
         odometry = odometry_covariance(self._motion_since_node, self.config.motion)
         observed = match.covariance()
         carry = se2.adjoint(se2.inverse(self._motion_since_node))
@@ -163,7 +164,7 @@ class FrontEnd:
         self._inserted_at = pose
 
     def _close_loops(self) -> None:
-        """Searches loops of the newest node; optimizes when a new link closed or the graph is under strain."""
+        """Searches loops of the newest node; optimizes if a new key-node was linked or if edges are strained."""
         if not self.config.loops.enabled:
             return
         graph, known = self.graph, self.graph.key_nodes.known()
@@ -189,7 +190,7 @@ class FrontEnd:
         return bool(np.hypot(error[0], error[1]) > STRAIN_M or abs(error[2]) > STRAIN_RAD)
 
     def _optimize(self) -> bool:
-        """Optimizes the graph of now; True where a node moved enough to build grids anew."""
+        """Optimizes the current graph; True if a node moved enough to rebuild the grids."""
         chains = self.graph.chains
         result = optimize(self.graph.pose_graph())
         step = se2.between(chains.poses, result.poses)

@@ -1,8 +1,8 @@
 """The global grid M_g that scans are tracked on, and which key-nodes take part in it.
 
-The paper's M_g holds the whole map. Where the robot comes back with drift, that would show every wall twice until the
-loop has closed. Here M_g holds the key-nodes whose relation to the robot is known well: those within a length of the
-current one along the trajectory, verified loops counting as no way at all.
+The paper's M_g holds the whole map. When the robot comes back with drift, such a grid would show every wall twice until
+the loop has closed. Here M_g holds the key-nodes whose pose relative to the robot is known well: those within a length
+of the current one along the trajectory, where verified loops count nothing.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class GlobalGrid:
         self._crowd: dict[tuple[int, ...], int] = {}
 
     def refresh(self) -> None:
-        """After a key-node was opened or linked: lets in who is known now, and turns out who is not and in the way."""
+        """After a key-node was opened or linked: inserts those that are known now, and removes near ones that are
+        not."""
         members = set(self._key_nodes.known())
         strangers = [k for k in self._contents - members if self._is_near(k)]
         if strangers:
@@ -40,7 +41,7 @@ class GlobalGrid:
                 self._insert(k)
 
     def rebuild(self) -> None:
-        """Builds the grid anew from its members' scans where the optimizer put them."""
+        """Rebuilds the grid from its members' scans at the optimizer's poses."""
         self.grid.clear()
         self._contents = set()
         self._crowd = {}

@@ -23,7 +23,7 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Solved:
-    """The last optimization: its factor, the poses and marginals (n, 3), (n, 3, 3) of the nodes that it had."""
+    """The last optimization: its factor, and the poses (n, 3) and marginals (n, 3, 3) of its nodes."""
 
     factorization: Factorization
     poses: Float
@@ -72,14 +72,14 @@ class LoopSearch:
         return [edge for edge in [*edges, *self._relocated()] if edge is not None]
 
     def _relocated(self) -> list[LoopEdge]:
-        """A loop beyond the reach of the search about the believed pose: where the map of long ago says."""
+        """A loop beyond the reach of the search around the current pose, found on an old part of the map."""
         chains, here = self._chains, self._relocation.find()
         if here is None:
             return []
         old = int(np.searchsorted(chains.path_m, self._oldest_m()))
         nearest = int(np.argmin(np.hypot(*(chains.poses[:old, :2] - here[:2]).T)))
         candidate = Candidate(int(self._key_nodes.of_node[nearest]), nearest)
-        # The stretch that was found and not the newest scan: on the way back, a robot may face what it never saw.
+        # The stretch that was found, not the newest scan: on the way back, a robot may look at what it had never seen.
         points = self._recent_points()
         predicted = self._seen_from(candidate.key_node, here)
         prior = prior_at(predicted, self._verify.certain())
@@ -89,14 +89,14 @@ class LoopSearch:
         return self._confirmed(self._verify.edge(candidate.nearest, match, chains.last))
 
     def _oldest_m(self) -> float:
-        """Trajectory length before which a place counts as left long enough to form a loop."""
+        """The path length up to which places were left long enough ago to form a loop."""
         return float(self._chains.path_m[-1]) - self._config.loops.min_separation_m
 
     def _confirmed(self, edge: LoopEdge) -> list[LoopEdge]:
-        """A searched loop counts once a second one, matched some way on, tells the same of where the robot is.
+        """A searched loop counts only when a second one, matched some metres farther on, agrees with it.
 
-        Rooms repeat: one place may look like another from all that the robot saw in the last T_l metres. The next
-        metres then differ.
+        Rooms repeat: one place may look like another in all that the robot saw in the last T_l metres. The next metres
+        then differ.
         """
         first, chains = self._awaiting, self._chains
         if first is None:
@@ -115,10 +115,10 @@ class LoopSearch:
         return [first, edge] if agree else []
 
     def _preferred(self, candidates: list[Candidate]) -> list[Candidate]:
-        """One of the known: that of the node before while it is still near, else the nearest.
+        """One of the known ones: that of the previous node while it is still near, otherwise the nearest.
 
-        Where several passes of one corridor lie side by side, the nearest changes with every node, and each change asks
-        for another local grid.
+        If several passes of one corridor are side by side, the nearest changes with every node, and each change needs
+        another local grid.
         """
         same = [c for c in candidates if c.key_node == self._partner]
         chosen = (same or candidates)[:1]
@@ -126,7 +126,7 @@ class LoopSearch:
         return chosen
 
     def _candidates(self, known: dict[int, float]) -> list[Candidate]:
-        """Key-nodes within T_l, those not known also within the drift that may have built up; nearest first."""
+        """Key-nodes within T_l, unknown ones also within the possible drift; nearest first."""
         loops, rows = self._config.loops, self._key_nodes.rows
         poses, path = self._chains.poses, self._chains.path_m
         here = poses[-1]
@@ -148,7 +148,7 @@ class LoopSearch:
         return [candidate for _, candidate in sorted(found, key=lambda pair: (pair[0], pair[1].key_node))]
 
     def _match_known(self, candidate: Candidate) -> LoopEdge | None:
-        """A key-node whose place is known well: the pose itself is guess enough, or else a short search finds it."""
+        """A key-node whose pose is known well: a match from the node's own pose, or otherwise from a short search."""
         loops = self._config.loops
         covariance = self._verify.certain()
         predicted = self._predicted(candidate.key_node)
@@ -171,7 +171,7 @@ class LoopSearch:
         return self._searched(candidate, covariance)
 
     def _searched(self, candidate: Candidate, covariance: Float) -> LoopEdge | None:
-        """The best-scoring match of the region about the newest node that ``covariance`` (3, 3) leaves, if verified."""
+        """The best-scoring match in the region around the newest node by ``covariance`` (3, 3), if it is verified."""
         loops, verify, last = self._config.loops, self._verify, self._chains.last
         pair = (candidate.key_node, self._key_nodes.last)
         path = float(self._chains.path_m[last])
@@ -191,16 +191,17 @@ class LoopSearch:
         share = verify.verified_share(candidate.key_node, match, stretch)
         if match.score < loops.min_score or not share:
             return None
-        # Elsewhere more may overlap, and chance agree with more of it: what holds where it was predicted stays there.
+        # Elsewhere more points may overlap, and agree by chance: a pose that is verified near the prediction is
+        # preferred.
         near = self._matcher.match(local.grid, points, predicted, prior_at(predicted, covariance))
         if verify.verified_share(candidate.key_node, near, stretch) >= share:
             match = near
-        # The next node may try again at once: it is to confirm this one.
+        # The next node may search again at once, because it may confirm this loop.
         del self._tried_at_m[pair]
         return verify.edge(candidate.nearest, match, last)
 
     def _predicted(self, key_node: int) -> Float:
-        """Where the newest node is believed to be in the frame of a key-node's local grid."""
+        """The current pose of the newest node in the frame of a key-node's local grid."""
         return self._seen_from(key_node, self._chains.poses[-1])
 
     def _seen_from(self, key_node: int, pose: Float) -> Float:
@@ -208,9 +209,9 @@ class LoopSearch:
         return se2.between(self._chains.poses[self._key_nodes.rows[key_node].first], pose)
 
     def _relative_covariance(self, candidate: Candidate) -> Float:
-        """S of IGO (4), in the frame of the newest node: exact from the last factor, along the chain since.
+        """S of IGO (4), in the frame of the newest node: exact at the last factorization, along the chain since then.
 
-        A guard is added against over-confident edges: a drift in proportion to the way travelled.
+        A guard is added against over-confident edges: a drift in proportion to the path.
         """
         chains, solved = self._chains, self.solved
         node = candidate.nearest
@@ -228,25 +229,26 @@ class LoopSearch:
         return np.asarray(covariance + np.diag([guard_m**2, guard_m**2, guard_rad**2]))
 
     def _drift(self, node: int) -> tuple[float, float]:
-        """What may have built up since ``node``, or since the last loop if that is later: metres, radians."""
+        """The possible drift since ``node``, or since the last loop if that is later: metres, radians."""
         path, loops = self._chains.path_m, self._config.loops
         since = max([node] + [edge.node for edge in self._graph.loops[-1:]])
         drift = loops.drift_per_m * float(path[-1] - path[since])
-        # A heading error of drift / way carries the far end off by drift; more than some turns' worth it never is.
+        # A heading error of drift / way moves the far end by the drift; it is limited to that of 30 m.
         turn = min(drift, 30.0 * loops.drift_per_m) / 3.0
         return max(drift, loops.certain_std_m), max(turn, loops.certain_std_rad)
 
     def _passes_gate(self, candidate: Candidate, covariance: Float) -> bool:
-        """IGO (5) with the inverse where it belongs, and with room for two poses that see the same walls from apart."""
+        """IGO (5) with the inverse on the covariance, and with a term for two poses that see the same walls from
+        afar."""
         poses, loops = self._chains.poses, self._config.loops
         error = se2.between(poses[candidate.nearest], poses[-1])
-        # The error, as a motion at the newest node; whichever way the two look, they may see the same walls.
+        # The error, as a motion at the newest node; with any headings, two poses may see the same walls.
         step = -se2.inverse(error)
         view = np.diag([loops.view_std_m**2, loops.view_std_m**2, np.pi**2])
         return bool(step @ np.linalg.solve(covariance + view, step) < self._gate)
 
     def _region(self, predicted: Float, covariance: Float) -> Region:
-        """Guesses every 5 cm towards the key-node, cut at the covariance ellipse; the discs fill its breadth."""
+        """Guesses every 5 cm towards the key-node, within the covariance ellipse; the discs cover its width."""
         loops = self._config.loops
         cos, sin = np.cos(predicted[2]), np.sin(predicted[2])
         turn = np.array([[cos, -sin], [sin, cos]])

@@ -1,8 +1,8 @@
-"""Where the robot stands on the map of long ago, once drift may have carried it farther than loops are searched.
+"""Relocation: finds the robot on an old part of the map when the drift may exceed the reach of the loop search.
 
-Ours, not the paper's, whose loop search looks at key-nodes one by one: that grows with their number and with the area.
-Here the last stretch of the trajectory, as one cloud of points, is searched on one grid of all that was seen long ago.
-What is found is only where to look: a loop edge is matched, verified and confirmed there like any other.
+This is ours, not the paper's. The paper's loop search tests key-nodes one by one; its cost grows with their number and
+with the area. Here the last stretch of the trajectory, as one cloud of points, is searched on one grid of all that was
+seen long ago. The result is only a guess: a loop edge is matched, verified and confirmed there like any other.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from mapmend.scan_graph.scan_graph import ScanGraph
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-# So many T_l of trajectory are searched for: the wider the area, the more must agree.
+# The length of the stretch that is searched for, in T_l: the wider the area, the more points must agree.
 STRETCH = 2.0
-# The loop search reaches no farther than so many T_l, and no search turns farther: cost and chance look-alikes grow.
+# The loop search reaches at most this many T_l beyond T_l, and no search turns farther than this: farther searches take
+# longer and find more places that look alike by chance.
 MOST_DRIFT = 2.0
 MOST_TURN_RAD = 0.6
 
@@ -35,7 +36,7 @@ class Relocation:
         self._tried_at_m = 0.0
 
     def find(self) -> Float | None:
-        """``T_map_robot`` (3,) of the newest node on the old map, or None; looks once every T_l of trajectory."""
+        """``T_map_robot`` (3,) of the newest node on the old map, or None; searches once every T_l of trajectory."""
         graph, chains, config = self._graph, self._graph.chains, self._graph.config
         length, path, loops = config.key_nodes.trajectory_length_m, float(chains.path_m[-1]), config.loops
         if path - self._tried_at_m < length:
@@ -59,10 +60,10 @@ class Relocation:
         return match.pose if agrees else None
 
     def _long_ago(self) -> tuple[Int, float]:
-        """The nodes where the robot may be although it believes to be elsewhere, and how far off the farthest may be.
+        """The nodes near which the robot may be in spite of its current pose, and the greatest possible drift.
 
-        Drift grows with the way along the graph, loops counting as none. Those that it can't have carried beyond the
-        reach of the loop search are left to that.
+        Drift grows with the path along the graph, where loops count nothing. Nodes whose drift cannot exceed the reach
+        of the loop search are left to the loop search.
         """
         loops, key_nodes, poses = self._graph.config.loops, self._graph.key_nodes, self._graph.chains.poses
         ways = key_nodes.distances(key_nodes.last, np.inf)

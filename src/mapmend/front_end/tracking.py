@@ -1,4 +1,4 @@
-"""Where each scan is: predicted by odometry, matched on the global grid, searched for where in doubt. IGO III-A."""
+"""The pose of each scan: predicted by odometry, matched on the global grid, searched for if in doubt. IGO III-A."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from mapmend.scan_graph.motion import STD_PER_MEDIAN, draw_hypotheses, odometry_
 
 Float = NDArray[np.float64]
 
-# Below this many points a scan says too little to contradict the odometry.
+# A scan with fewer points cannot contradict the odometry.
 FEWEST_POINTS = 20
 # A score this far below the usual one is a drop; a scan's share of the usual score makes it follow some twenty scans.
 DROP = 0.1
 USUAL_SHARE = 0.05
-# How fast the median of what odometry and good matches differ by follows: by a factor of e in a hundred scans.
+# The adaptation of the median difference between odometry and good matches: a factor of e in a hundred scans.
 MEDIAN_SHARE = 0.01
 
 
@@ -42,12 +42,14 @@ class Tracker:
         self._matcher = matcher
         self._config = config
         self._usual_score = 1.0
-        # What good matches moved the odometry's poses by, over the model's standard deviations: translation, rotation.
+        # The usual correction of the odometry by good matches, in the model's standard deviations: translation,
+        # rotation.
         self._usual_step = np.full(2, 1.0 / STD_PER_MEDIAN)
         self._random = np.random.default_rng(config.seed)
 
     def track(self, grid: SurfaceGrid, points: Float, before: Float, motion: Float) -> Tracked:
-        """Finds a scan, ``points`` (n, 5), that the odometry puts at ``before * motion``; poses of shape (3,)."""
+        """Finds the pose of a scan, ``points`` (n, 5), which is at ``before * motion`` by odometry; poses of shape
+        (3,)."""
         predicted = se2.compose(before, motion)
         prior = round_prior(predicted, *odometry_std(motion, self._config.motion))
         match = self._matcher.match(grid, points, predicted, prior)
@@ -55,14 +57,14 @@ class Tracker:
         if searched:
             hypotheses = self._hypotheses(before, predicted, odometry_covariance(motion, self._config.motion))
             best = self._best_of(grid, points, hypotheses, prior, match)
-            # A search that does not end the doubt changes nothing.
+            # If the result of the search is doubtful too, it is not used.
             match = match if self._is_doubtful(best, len(points)) else best
         self._usual_score += USUAL_SHARE * (match.score - self._usual_score)
         self._learn(match, prior)
         return Tracked(self._tempered(match, predicted), searched)
 
     def _learn(self, match: Match, prior: Float) -> None:
-        """Follows how far the odometry is off where matches are good: the median, which slipping wheels leave alone."""
+        """Tracks the error of the odometry at good matches: its median, on which slips have little influence."""
         if match.score < self._config.match.min_score:
             return
         x, y, turn = (match.pose - prior[3]).tolist()
@@ -72,10 +74,10 @@ class Tracker:
             self._usual_step[axis] *= math.exp(MEDIAN_SHARE if off[axis] > self._usual_step[axis] else -MEDIAN_SHARE)
 
     def _tempered(self, match: Match, predicted: Float) -> Match:
-        """A poor match, drawn towards the odometry as far as IGO (2) says.
+        """A poor match, drawn towards the odometry with the weights of IGO (2).
 
-        Its variance is mostly the share of Sigma_odo that (2) adds. The odometry's own is what the log has shown so
-        far, at most that of the model. Among leaves, this keeps the heading from wandering with every gust.
+        The variance of the match is mostly the share of Sigma_odo that (2) adds. That of the odometry is the one
+        observed so far in this log, at most that of the model. Among leaves, this keeps the heading from drifting.
         """
         least = self._config.match.min_score
         poor = max(least - match.score, 0.0) / least
@@ -88,21 +90,21 @@ class Tracker:
         return replace(match, pose=pose)
 
     def _is_doubtful(self, match: Match, points: int) -> bool:
-        """Whether fewer beams match than should, and than did so far: among leaves, few ever do."""
+        """Whether fewer beams match than required, and fewer than so far: among leaves, few beams ever match."""
         least = min(self._config.match.min_score, self._usual_score - DROP)
         return points >= FEWEST_POINTS and match.score < least
 
     def _hypotheses(self, before: Float, predicted: Float, covariance: Float) -> Float:
-        """Draws from the odometry model, spread wider: a scan in doubt tells that the model may not hold, wheels slip.
+        """Draws from the odometry model, spread wider: if a match is doubtful, the model may be wrong, for wheels slip.
 
-        With them the prediction itself and the robot that did not move.
+        The prediction itself and a robot that did not move are among them.
         """
         motion = self._config.motion
         drawn = draw_hypotheses(predicted, motion.doubt_spread**2 * covariance, motion.hypotheses, self._random)
         return np.concatenate((predicted[None], before[None], drawn))
 
     def _best_of(self, grid: SurfaceGrid, points: Float, hypotheses: Float, prior: Float, first: Match) -> Match:
-        """The correlative search over all hypotheses, refined; ``first`` stays unless something scores better."""
+        """The correlative search over all hypotheses, refined; returns ``first`` unless another match is better."""
         config, predicted = self._config, prior[3]
         three_sigma_m, three_sigma_rad = 3.0 / math.sqrt(prior[0, 0]), 3.0 / math.sqrt(prior[2, 2])
         away = np.hypot(*(hypotheses[:, :2] - predicted[:2]).T)
@@ -117,8 +119,8 @@ class Tracker:
         if found is None:
             return first
         refined = self._matcher.match(grid, points, found[0], prior)
-        # A share of matched beams is a binomial count: better means by more than its own noise, and than what the
-        # odometry's word for the other pose is worth.
+        # A share of matched beams is a binomial count: the gain must exceed its noise and the penalty for the
+        # distance to the odometry.
         noise = math.sqrt(max(first.score * (1.0 - first.score), 0.01) / len(points))
         gain = self._against(refined, predicted, three_sigma_m, three_sigma_rad)
         gain -= self._against(first, predicted, three_sigma_m, three_sigma_rad)
@@ -126,9 +128,10 @@ class Tracker:
 
     @staticmethod
     def _against(match: Match, predicted: Float, three_sigma_m: float, three_sigma_rad: float) -> float:
-        """What the odometry has against a pose, 0 to 1: its squared distance in three standard deviations, one at most.
+        """The penalty of a pose by the odometry, 0 to 1: its squared distance in three standard deviations, at most
+        one.
 
-        Beyond them the model does not hold and says nothing more: the tail of slipping wheels is long.
+        Beyond them the penalty does not grow, because the model does not hold: the errors of slip have a long tail.
         """
         step = se2.between(predicted, match.pose)
         distance = (step[0] ** 2 + step[1] ** 2) / three_sigma_m**2 + (step[2] / three_sigma_rad) ** 2

@@ -20,7 +20,7 @@ FAR_CHI2, MEDIAN_CHI2, SCATTER_OVER = 16.27, 2.37, 100
 
 
 class Acceptance:
-    """Compares re-matches with the edges; how far these usually differ is learnt on the way."""
+    """Compares re-matches with the edges, and learns how far these usually differ."""
 
     def __init__(self, graph: ScanGraph, fits: Fits) -> None:
         self._chains = graph.chains
@@ -29,7 +29,7 @@ class Acceptance:
         self._scatter = np.zeros(len(graph))
 
     def differs(self, j: int, found: Float) -> bool:
-        """Whether a re-match differs from edge j; notes by how much, in squared standard deviations of the edge."""
+        """Whether a re-match differs from edge j; stores the difference in squared standard deviations of the edge."""
         off = se2.between(self._chains.edges[j], found)
         self._scatter[j] = float(off @ np.linalg.solve(self._chains.covariances[j], off))
         return not is_same(self._chains.edges[j], found)
@@ -37,8 +37,8 @@ class Acceptance:
     def is_accepted(self, j: int, grid: SurfaceGrid, points: Float, match: Match, poses: PossiblePoses) -> bool:
         """Whether a match replaces edge j: by fit, and where fits tie by the optimizer.
 
-        A difference within what edges of this log scatter is none, unless the fit says otherwise by far. A poor score
-        is enough where wheels slipped: there the old edge is no better known, and the covariance says how poor it is.
+        A difference within the scatter of this log's edges does not count, unless the gain in fit is large. Where
+        wheels slipped, a poor score is enough: the old edge is not better, and the covariance reflects the poor score.
         """
         old, guess = poses.old, poses.guess
         is_good = match.score >= self._config.match.min_score
@@ -54,20 +54,20 @@ class Acceptance:
         return bool(gain > TIE * noise or (gain >= -TIE * noise and nearer))
 
     def _is_beyond_scatter(self, j: int) -> bool:
-        """Whether edge j came back farther off than edges of this log, and near here, do.
+        """Whether the re-match of edge j differs more than usual in this log, near here.
 
-        Among leaves, matches of one scan on two grids differ by more than they say. The usual squared Mahalanobis
-        distance of the last edges is the measure.
+        Among leaves, matches of one scan on two grids differ by more than their covariances. The reference is the
+        usual squared Mahalanobis distance of the last edges.
         """
         before = self._scatter[max(1, j - SCATTER_OVER) : j + 1]
         usual = max(float(np.median(before)) / MEDIAN_CHI2, 1.0)
         return bool(self._scatter[j] > FAR_CHI2 * usual)
 
     def _doubt(self, pose: Float, poses: PossiblePoses) -> float:
-        """By how much better a pose must fit than the edge's for being farther from the odometry than that.
+        """The additional gain in fit that a pose needs if it is farther from the odometry than the edge's.
 
-        By nothing, where it is nearer the optimizer's, and where wheels that slipped explain it: it falls short of what
-        they report, by more than they usually err. Wheels never report too little.
+        It is zero if the pose is nearer to the optimizer's, or if slip explains it: if it falls short of the reported
+        motion by more than the wheels usually err. Wheels never report too little.
         """
         predicted, old, guess, std = poses.predicted, poses.old, poses.guess, poses.std
         if np.hypot(*(pose - guess)[:2]) < np.hypot(*(old - guess)[:2]):

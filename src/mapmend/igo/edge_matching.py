@@ -1,4 +1,4 @@
-"""How a node is matched again on the trail behind it: from which guesses, and what the match leaves open. IGO IV-C."""
+"""How a node is matched again on its trail: from which guesses, and which axes the match leaves open. IGO IV-C."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mapmend.igo.observed import Float, Observer, turned
 from mapmend.matching.gauss_newton import Match, round_prior
 from mapmend.scan_graph.scan_graph import ScanGraph
 
-# A match is doubtful that fits less well than the usual one, or lies so many standard deviations off the odometry.
+# A match is doubtful if it fits less well than usual, or is this many standard deviations off the odometry.
 CONTRADICTS = 2.0
 # A node's share of the usual fit makes it follow some twenty nodes.
 USUAL_SHARE = 0.05
@@ -22,9 +22,9 @@ USUAL_SHARE = 0.05
 
 @dataclass(frozen=True)
 class PossiblePoses:
-    """Where a node may be, poses (3,): the node ``behind`` it, and this one by odometry, by its edge, by the optimizer.
+    """Possible poses (3,) of a node: the previous node's, ``behind``, and its own by odometry, edge and optimizer.
 
-    ``motion`` (3,): what is expected of the edge, with its ``std``: translation [m] and rotation [rad].
+    ``motion`` (3,): the expected motion of the edge, with its ``std``: translation [m] and rotation [rad].
     """
 
     behind: Float
@@ -36,7 +36,7 @@ class PossiblePoses:
 
 
 class EdgeMatcher:
-    """Matches nodes again; what fits usually is learnt on the way."""
+    """Matches nodes again, and learns the usual fit."""
 
     def __init__(self, graph: ScanGraph, fits: Fits) -> None:
         self._matcher = graph.matcher
@@ -47,11 +47,11 @@ class EdgeMatcher:
         self._usual_fit = 1.0
 
     def best(self, grid: SurfaceGrid, points: Float, poses: PossiblePoses) -> Match:
-        """The best-fitting match from guesses between poses; fits that tie go to the pose nearest the optimizer's.
+        """The best-fitting match from guesses between poses; of fits that tie, the pose nearest to the optimizer's.
 
-        Guesses lie every few centimetres between where the edge puts the node and where the optimizer does. Where the
-        first match fits less well than usual or contradicts the odometry, wheels may have slipped: part of the motion
-        did not happen, and guesses lie also between no motion and what the odometry reports.
+        Guesses lie every few centimetres between the pose by the edge and the optimizer's. If the first match fits less
+        well than usual or contradicts the odometry, wheels may have slipped, so that a part of the motion did not
+        happen. Then guesses lie also between no motion and the reported motion.
         """
         behind, predicted, guess, std = poses.behind, poses.predicted, poses.guess, poses.std
         best = self._matcher.match(grid, points, guess, round_prior(predicted, *std))
@@ -75,8 +75,8 @@ class EdgeMatcher:
     ) -> tuple[Float, Float, Float]:
         """The motion (3,) that a match measures, its information (3, 3), and the axis (2,) that it leaves open.
 
-        Along an open axis the motion is the odometry's. Where the scan fits worse there, the axis was not open, and the
-        match stands: the axis is then zero.
+        Along an open axis the motion is the odometry's. If the scan then fits worse, the axis was not open and the
+        match is kept; the axis returned is then zero.
         """
         information, axis = self._observer.information(grid, points, match)
         found = se2.between(poses.behind, match.pose)

@@ -9,16 +9,17 @@ from mapmend.grid.surface import SurfaceGrid
 from mapmend.igo import _kernels
 from mapmend.igo.observed import Float
 
-# Fits closer than so many standard deviations are ties: neighbouring beams err together, so three and not two. A match
-# that fits better by the gain, a share of the beams, needs no other reason.
+# Fits closer than this many standard deviations are ties: the errors of neighbouring beams are dependent, so three and
+# not two. A match that fits better by the gain, a share of the beams, needs no other reason.
 TIE, CLEAR_GAIN = 3.0, 0.05
 
 
 class Fits:
-    """Fits of scans, 0 to 1: a score that also says how near the beams end to their surfaces.
+    """Fits of scans, 0 to 1: unlike the score, a fit depends on how near the beams end to their surfaces.
 
-    The score counts beams within half the reach: a pose off by less, or off along a corridor with few niches, scores as
-    well as the right one. Compared beam by beam: those that fit at both poses, or at neither, are no noise.
+    The score counts beams within half the reach: a pose that is off by less, or off along a corridor with few niches,
+    scores as well as the right one. Fits are compared beam by beam: beams that fit at both poses, or at neither, add no
+    noise to the difference.
     """
 
     def __init__(self, config: Config) -> None:
@@ -31,7 +32,7 @@ class Fits:
         return float(self._result[2])
 
     def gain(self, grid: SurfaceGrid, points: Float, new: Float, old: Float) -> tuple[float, float]:
-        """By how much better ``points`` (n, 5) fit at a new pose (3,) than at an old one, and the noise of that."""
+        """The gain in fit of ``points`` (n, 5) at a new pose (3,) over an old one, and its noise."""
         self._compare(grid, points, new, old)
         return float(self._result[0]), float(self._result[1])
 

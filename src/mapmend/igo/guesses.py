@@ -1,4 +1,4 @@
-"""Where matches start from between poses, and which poses and scores are the same."""
+"""Guesses between poses from which matches start, and when two poses or scores count as the same."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import numpy as np
 from mapmend.geometry import se2
 from mapmend.igo.observed import Float
 
-# A pose that a match moves by less was right: what the front end, too, takes for no motion of the map.
+# A pose is right if a match moves it by less than this; the front end uses the same limit for moved nodes.
 SAME_M = 0.02
 SAME_RAD = 0.007
-# No slip carries a robot backwards by more.
+# No slip moves a robot backwards by more than this.
 BACKWARDS_M = 0.05
-# Guesses between an edge and the optimizer: a false one may be metres off, and what lies that far is searched for.
+# The greatest number of guesses between an edge and the optimizer: a false edge may be metres off.
 MOST_GUESSES = 40
 
 
 def between(first: Float, last: Float, every_m: float) -> list[Float]:
-    """Poses (3,) every so many metres from the last to the first, the last aside; none where the two are near."""
+    """Poses (3,) at equal distances from the last to the first, without the last; none if the two are near."""
     count = min(int(np.hypot(*(last - first)[:2]) / every_m), MOST_GUESSES)
     if count == 0:
         return []
@@ -25,7 +25,8 @@ def between(first: Float, last: Float, every_m: float) -> list[Float]:
 
 
 def is_between(first: Float, last: Float, pose: Float, slack_m: float) -> bool:
-    """Whether a pose (3,) lies on the way from one to another, or so little beyond: slip takes of a motion a part."""
+    """Whether a pose (3,) is on the line from one to another, or only slightly beyond: slip removes a part of a
+    motion."""
     way, step = (last - first)[:2], (pose - first)[:2]
     length = float(np.hypot(way[0], way[1]))
     share = float(way @ step) / max(length, 1e-9)
@@ -33,11 +34,11 @@ def is_between(first: Float, last: Float, pose: Float, slack_m: float) -> bool:
 
 
 def is_same(old: Float, new: Float) -> bool:
-    """Whether an edge came back unchanged: two measurements (3,) of one motion."""
+    """Whether two measurements (3,) of one motion are the same, so that the edge is unchanged."""
     off = se2.between(old, new)
     return bool(np.hypot(off[0], off[1]) <= SAME_M and abs(off[2]) <= SAME_RAD)
 
 
 def score_noise(score: float, points: int) -> float:
-    """The standard deviation of a score, a share of so many points: better by less is a tie."""
+    """The standard deviation of a score, which is a share of this many points: smaller gains are ties."""
     return float(np.sqrt(max(score * (1.0 - score), 0.01) / max(points, 1)))

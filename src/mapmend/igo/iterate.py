@@ -12,7 +12,7 @@ from mapmend.igo.rebuild import Rebuilder, Round
 from mapmend.parallel import Progress, no_progress
 from mapmend.scan_graph.scan_graph import ScanGraph
 
-# Against false loops, the paper's own weakness: true ones keep their whole weight under it.
+# The kernel against false loops, a weakness of the paper's method: true loops keep their full weight under it.
 KERNEL = DynamicCovarianceScaling()
 
 
@@ -48,17 +48,17 @@ def iterate(graph: ScanGraph, progress: Progress = no_progress) -> Iteration:
 
 
 def told_by_round(progress: Progress, turn: int) -> Progress:
-    """The same progress, each stage named with its round."""
+    """The same progress, with the round in the name of each stage."""
     return lambda stage, done, total: progress(f"{stage}, round {turn}", done, total)
 
 
 def optimize_graph(graph: ScanGraph) -> OptimizationResult:
-    """The optimum of the graph as it is, under the robust kernel on loop edges; its nodes then stand there."""
+    """The optimum of the current graph, with the robust kernel on loop edges; the nodes are moved there."""
     result = optimize(graph.pose_graph(), kernel=KERNEL)
     graph.chains.move(result.poses)
     return result
 
 
 def loop_weights(graph: ScanGraph, result: OptimizationResult) -> Float:
-    """The kernel's factors on the loop edges, which stand last in the graph."""
+    """The kernel's factors on the loop edges, which are last in the graph."""
     return result.edge_weights[len(result.edge_weights) - len(graph.loops) :]

@@ -20,9 +20,9 @@ from mapmend.scan_graph.scan_graph import ScanGraph
 
 @dataclass(frozen=True)
 class LoopResult:
-    """``loops``: what is left of the loop edges, in their order; ``rows``: which of the old ones each was.
+    """``loops``: the remaining loop edges, in their order; ``rows``: which of the old ones each was.
 
-    ``changed`` (k,): which of those left have a new measurement. ``matched``: how many were matched again.
+    ``changed`` (k,): which of these have a new measurement. ``matched``: how many were matched again.
     """
 
     loops: list[LoopEdge]
@@ -41,9 +41,9 @@ class LoopPass:
         self._config = graph.config
 
     def run(self, wanted: Bool, weights: Float, optimized: Float, progress: Progress = no_progress) -> LoopResult:
-        """Matches the ``wanted`` loop edges (k,) again, on grids at the state's poses, near where ``optimized`` has it.
+        """Matches the ``wanted`` loop edges (k,) again, on grids at the nodes' poses, near the poses ``optimized``.
 
-        ``weights`` (k,): what the robust kernel left of each. Those that are not wanted stay as they are.
+        ``weights`` (k,): the robust kernel's factor on each. Those that are not wanted stay as they are.
         """
         loops = self._graph.loops
         left: dict[int, tuple[LoopEdge, bool]] = {}
@@ -64,11 +64,11 @@ class LoopPass:
         return LoopResult([left[row][0] for row in rows], rows, changed, int(wanted.sum()))
 
     def _rematch(self, edge: LoopEdge, weight: float, step: Float) -> LoopEdge | None:
-        """The edge itself where it came back unchanged, a new one where it moved, None where no match holds.
+        """The edge itself if it is unchanged, a new one if it moved, None if no match is verified.
 
-        ``step`` (3,): where the optimizer has the node, seen from the anchor. An edge that the kernel distrusts must
-        come back to where the optimizer wants it, or go: looking alike is what made it false. What nothing contradicts
-        stays.
+        ``step`` (3,): the optimizer's pose of the node relative to the anchor. An edge that the kernel distrusts must
+        match at the optimizer's pose, or it is removed: a false loop joins places that look alike, so a match elsewhere
+        proves nothing. An edge that nothing contradicts stays.
         """
         graph = self._graph
         k = int(self._key_nodes.of_node[edge.anchor])
@@ -78,7 +78,7 @@ class LoopPass:
         old, guess = se2.compose(anchor, edge.T_anchor_node), se2.compose(anchor, step)
         match = self._best(k, points, old, guess)
         if not self._is_verified(k, points, match):
-            # What one scan does not tell, the stretch before it does: a robot may face what it had never seen.
+            # If one scan is not enough, the stretch before it may be: a robot may look at what it had never seen.
             length_m = self._config.key_nodes.trajectory_length_m
             points = recent_points(graph.chains, graph.points, length_m, edge.node)
             match = self._best(k, points, old, guess)
@@ -92,12 +92,13 @@ class LoopPass:
         return self._verify.edge(edge.anchor, match, edge.node)
 
     def _is_verified(self, k: int, points: Float, match: Match) -> bool:
-        """Whether a match on the grid of key-node k scores, agrees and is held, as the loop search asks."""
+        """Whether a match on the grid of key-node k has the score, agreement and constraints that the loop search
+        requires."""
         agrees = self._verify.agrees(self._agreement(k, points, match))
         return bool(match.score >= self._config.loops.min_score and agrees and self._verify.is_observed(match))
 
     def _is_contradicted(self, k: int, points: Float, match: Match) -> bool:
-        """Whether the grid has seen enough of where the points lie, and too much else there."""
+        """Whether the grid has seen enough of the points' area, and too many points are contradicted."""
         agreement = self._agreement(k, points, match)
         return self._verify.overlaps(agreement) and not self._verify.agrees(agreement)
 
@@ -108,12 +109,12 @@ class LoopPass:
         return self._key_nodes.local_grid(k).grid
 
     def _is_far(self, step: Float, measured: Float) -> bool:
-        """Whether a measurement lies farther from the optimizer's poses than those are certain."""
+        """Whether a measurement differs from the optimizer's poses by more than their uncertainty."""
         off, loops = se2.between(step, measured), self._config.loops
         return bool(np.hypot(off[0], off[1]) > loops.certain_std_m or abs(off[2]) > loops.certain_std_rad)
 
     def _best(self, k: int, points: Float, old: Float, guess: Float) -> Match:
-        """The best-scoring match from the guesses between two poses (3,); ties go to the pose nearest ``guess``."""
+        """The best-scoring match from the guesses between two poses (3,); of ties, the pose nearest to ``guess``."""
         grid = self._grid(k)
         covariance = self._verify.certain()
         best = self._graph.matcher.match(grid, points, guess, prior_at(guess, covariance))

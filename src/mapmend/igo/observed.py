@@ -1,4 +1,4 @@
-"""What matches know of the edges between successive nodes, and what they leave open."""
+"""The information of matches on the edges between successive nodes, and the axes that they leave open."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 Int = NDArray[np.int64]
 
-# What scan and grid agree on must exceed its own noise by so many standard deviations ...
+# The information that scan and grid have in common must exceed its own noise by this many standard deviations ...
 BEYOND_NOISE = 2.0
-# ... and be worth so many points: two that agree by chance are nothing to go by.
+# ... and be that of at least this many points, because two may agree by chance.
 FEWEST_SHARED = 2.0
 
 
 @dataclass
 class MatchedEdges:
-    """What the last match of every odometry edge said; row j is the edge from node j - 1 to node j.
+    """The last match of every odometry edge; row j is the edge from node j - 1 to node j.
 
     ``motions`` (n, 3): in the frame of node j - 1. ``information`` (n, 3, 3): of the match alone, in the frame of node
     j, nothing along axes that it leaves open. ``covariances`` (n, 3, 3): IGO's Sigma_obs. ``open_axes`` (n, 2): the
-    direction along which nothing holds the match, in the frame of node j, zero where there is none. ``scores`` (n,).
+    direction along which nothing constrains the match, in the frame of node j, zero if there is none. ``scores`` (n,).
     """
 
     motions: Float
@@ -48,14 +48,15 @@ class MatchedEdges:
 
 
 class Observer:
-    """Says which axes a match leaves open: those along which what it knows could be noise."""
+    """Finds the axes that a match leaves open: those along which its information could be noise."""
 
     def __init__(self, config: Config) -> None:
         self._settings = np.array([config.grid.cell_size_m, config.match.reach_m, config.match.half_weight_m])
         self._result = np.zeros(2)
 
     def information(self, grid: SurfaceGrid, points: Float, match: Match) -> tuple[Float, Float]:
-        """What a match knows in its own frame (3, 3), and the axis (2,) that it leaves open, zero where it leaves none.
+        """The information of a match in its own frame (3, 3), and the axis (2,) that it leaves open, zero if there is
+        none.
 
         Along a bare corridor normals are noisy, and in the normal matrix their noise looks like information. Here the
         weakest axis has the information on which scan and grid agree (`_kernels.shared_normals`).
@@ -77,9 +78,9 @@ class Observer:
 
 
 def cut_down(normal: Float, axis: Float, share: float) -> Float:
-    """A normal matrix (3, 3) that knows of an axis of translation (2,), a unit vector, only a share of what it did.
+    """A normal matrix (3, 3) with only a share of its information along an axis of translation (2,), a unit vector.
 
-    From both sides: what the axis has in common with the heading shrinks along, so that no direction falls below 0.
+    It is scaled from both sides: the coupling with the heading shrinks too, so that no direction falls below 0.
     """
     keep = np.eye(3)
     keep[:2, :2] -= (1.0 - np.sqrt(share)) * np.outer(axis, axis)
@@ -93,7 +94,7 @@ def turned(vector: Float, angle: float) -> Float:
 
 
 def without_gaps(marked: Bool) -> Bool:
-    """Marks also a lone edge between two that are marked: a few beams may look like a wall for once."""
+    """Also marks a single edge between two that are marked: a few beams may look like a wall once."""
     filled = marked.copy()
     filled[1:-1] |= marked[:-2] & marked[2:]
     return filled

@@ -52,13 +52,13 @@ class OdometryPass:
 
     @property
     def can_match(self) -> Bool:
-        """Which edges (n,) can be matched, each by the node that it ends at: none ends at the first node of a chain."""
+        """Which edges (n,) can be matched, each by its last node: no edge ends at the first node of a chain."""
         matchable = np.ones(len(self._graph), dtype=np.bool_)
         matchable[self._graph.chains.starts] = False
         return matchable
 
     def run(self, wanted: Bool, progress: Progress = no_progress) -> OdometryResult:
-        """Matches the ``wanted`` edges (n,) again, each by the node that it ends at."""
+        """Matches the ``wanted`` edges (n,) again, each identified by its last node."""
         chains, n = self._graph.chains, len(self._graph)
         trail, optimized = TrailGrid(self._graph), chains.poses.copy()
         poses = optimized.copy()
@@ -76,7 +76,7 @@ class OdometryPass:
             step = edges[j].motion if j in edges else se2.between(optimized[j - 1], optimized[j])
             poses[j] = se2.compose(poses[j - 1], step)
         replaced = np.isin(np.arange(n), list(edges))
-        # The errors of neighbouring edges cancel: what lies beside a replaced one, and differed, is matched once more.
+        # The errors of neighbouring edges cancel: an edge beside a replaced one that differed is matched once more.
         beside = np.zeros(n, dtype=np.bool_)
         beside[1:] |= replaced[:-1]
         beside[:-1] |= replaced[1:]

@@ -1,4 +1,4 @@
-"""The graph and its grids, built again from the optimizer's poses. IGO Algorithm 1, lines 1 to 23."""
+"""Rebuilding of the graph and its grids from the optimizer's poses. IGO Algorithm 1, lines 1 to 23."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mapmend.scan_graph.scan_graph import ScanGraph
 
 @dataclass(frozen=True)
 class BiasedEdge:
-    """An edge that was found biased: between which nodes, from what measurement (3,) to what; None where it went."""
+    """A biased edge: its nodes, its old measurement (3,) and the new one, None if it was removed."""
 
     first: int
     last: int
@@ -38,7 +38,7 @@ class BiasedEdge:
 
 @dataclass(frozen=True)
 class Round:
-    """What one rebuild did: edges matched again, of these changed, of these accepted, and loop edges dropped."""
+    """Counts of one rebuild: edges matched again, of these changed, of these accepted, and loop edges dropped."""
 
     matched: int
     changed: int
@@ -53,7 +53,7 @@ class Round:
 
 
 class Rebuilder:
-    """Rebuilds a graph of scans, again and again; edges that came back unchanged are left alone (IGO IV-D)."""
+    """Rebuilds a graph of scans repeatedly; edges that were found unchanged are not matched again (IGO IV-D)."""
 
     def __init__(self, graph: ScanGraph) -> None:
         self._graph = graph
@@ -63,7 +63,7 @@ class Rebuilder:
         self._loops_wanted: Bool = np.ones(len(graph.loops), dtype=np.bool_)
 
     def rebuild(self, loop_weights: Float, progress: Progress = no_progress) -> Round:
-        """One round, from the nodes' poses; ``loop_weights`` (k,): what the robust kernel left of each loop edge."""
+        """One round, from the nodes' poses; ``loop_weights`` (k,): the robust kernel's factor on each loop edge."""
         graph, chains = self._graph, self._graph.chains
         optimized = chains.poses.copy()
         odometry = self._odometry.run(self._odometry_wanted, progress)
@@ -74,7 +74,8 @@ class Rebuilder:
         graph.key_nodes.forget_grids()
         loops = self._loops.run(self._loops_wanted, loop_weights, optimized, progress)
         biased += self._biased_loops(loops.loops, loops.rows, loops.changed)
-        # Where all loops of before agree: from the rebuilt poses, the kernel would doubt every loop that has to close.
+        # At the poses where the loops agreed: from the rebuilt poses, the kernel would doubt every loop that has to
+        # close.
         chains.move(optimized)
         dropped = len(graph.loops) - len(loops.loops)
         graph.loops[:] = loops.loops

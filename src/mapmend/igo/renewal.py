@@ -20,7 +20,7 @@ SURER = 0.5
 
 
 class Renewal:
-    """Makes new edges of what a pass has ``matched``."""
+    """Makes new edges from the matches of a pass, ``matched``."""
 
     def __init__(self, graph: ScanGraph, matched: MatchedEdges, steady: SteadyStretches) -> None:
         self._chains = graph.chains
@@ -32,8 +32,8 @@ class Renewal:
     def new_edges(self, wanted: Bool, accepted: Bool, optimized: Float, reported: Float) -> dict[int, OdometryEdge]:
         """The edges to replace, by the node that each ends at.
 
-        ``wanted``, ``accepted`` (n,): which were matched, and replace those of before. ``optimized`` (n, 3): the poses
-        before the pass. ``reported`` (n, 3): the odometry's motions.
+        ``wanted``, ``accepted`` (n,): which were matched, and which of these replace the old ones. ``optimized`` (n,
+        3): the poses before the pass. ``reported`` (n, 3): the odometry's motions.
         """
         by_laser_alone = not self._config.motion.use_odometry
         expected = self._matched.motions if by_laser_alone else reported
@@ -49,10 +49,10 @@ class Renewal:
         return {**{j: new for j, new in slipped.items() if wanted[j]}, **self._surer(rows, odometry), **renewed}
 
     def _happened(self, expected: Float) -> Float:
-        """The motions (n, 3) that Sigma_odo is taken of: the reported ones, but where wheels slipped the matched ones.
+        """The motions (n, 3) for Sigma_odo: the reported ones, but the matched ones where wheels slipped.
 
-        A spin of two metres makes the model as unsure as a drive of two metres. Where the scan was found to have moved
-        less, by more than the wheels err over what it did move, that says nothing of the edge.
+        For the model, a spin of two metres is as uncertain as a drive of two metres. If the robot moved less, by more
+        than the wheels err over the real motion, this uncertainty is wrong for the edge.
         """
         happened = expected.copy()
         for j in np.flatnonzero(self._matched.scores > 0.0):
@@ -61,7 +61,7 @@ class Renewal:
         return happened
 
     def _surer(self, rows: Int, odometry: Float) -> dict[int, OdometryEdge]:
-        """Edges over slips that came back unchanged, and surer than the slip had left them."""
+        """Edges over slips that are unchanged, but whose new covariance is smaller than the one with the slip."""
         chains, surer = self._chains, {}
         for j in (int(row) for row in rows):
             new = self._new_edge(j, odometry[j])

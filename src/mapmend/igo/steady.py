@@ -1,9 +1,9 @@
-"""Steady motion: what a robot did where neither walls nor wheels tell, from its speed before and after.
+"""Steady motion: the motion that neither walls nor wheels observe, from the speed before and after.
 
-Without odometry, the front end expects of each step what the step before it was: along a bare corridor errors of one
-step enter the next, and the speed wanders. Once the log is whole, both ends of such a stretch are known. Here the
-speed of every edge is estimated from all that matches say of any edge and from how little it changes: most of the time
-a robot keeps its speed, and now and then changes it at once (a heavy-tailed process, by iterated weights).
+Without odometry, the front end predicts each step by the step before: along a bare corridor the errors of one step
+enter the next, and the speed wanders. In the whole log, both ends of such a stretch are known. Here the speed of every
+edge is estimated from the matches of all edges and from the usual change of the speed: most of the time a robot keeps
+its speed, and sometimes it changes it at once (a heavy-tailed process, by iterated weights).
 """
 
 from __future__ import annotations
@@ -18,25 +18,27 @@ from mapmend.scan_graph.motion import STD_PER_MEDIAN
 
 Float = NDArray[np.float64]
 
-# No robot holds its speed better: metres and radians per second, after one second.
+# The least change of speed of any robot: metres and radians per second, after one second.
 LEAST_CHANGE = np.array([0.005, 0.005, 0.005])
 ITERATIONS = 6
-# Changes beyond so many standard deviations are taken for a decision of the robot, by the weights of a Cauchy cost.
+# Changes beyond this many standard deviations count as decisions of the robot, by the weights of a Cauchy cost.
 CAUCHY_SCALE = 2.4
-# An edge tells of the speed where its own standard deviation, in units of speed, is below this.
+# An edge is used for the speed if its own standard deviation, in units of speed, is below this.
 KNOWN_SPEED = 0.05
 
 
 @dataclass(frozen=True)
 class SteadyMotion:
-    """``motions`` (n, 3) of the edges, each in the frame of its first node, and the factor to ask covariances of."""
+    """``motions`` (n, 3) of the edges, each in the frame of its first node, and the factor from which covariances
+    follow."""
 
     motions: Float
     seconds: Float
     factor: Float
 
     def covariance_of_sum(self, first: int, end: int) -> Float:
-        """The covariance (3, 3) of the motion from edge ``first`` to ``end`` - 1 together, headings aside."""
+        """The covariance (3, 3) of the total motion from edge ``first`` to ``end`` - 1, without the effect of
+        headings."""
         pick = np.zeros((3 * len(self.seconds), 3))
         for axis in range(3):
             pick[3 * first + axis : 3 * end + axis : 3, axis] = self.seconds[first:end]
@@ -44,7 +46,7 @@ class SteadyMotion:
 
 
 def usual_change(motions: Float, information: Float, seconds: Float) -> Float:
-    """How much the speed changes in a second, standard deviations (3,): the median over edges that matches know."""
+    """How much the speed changes in a second, standard deviations (3,): the median over edges that matches observe."""
     speed = motions / seconds[:, None]
     variance = np.linalg.inv(information + 1e-6 * np.eye(3))[:, np.arange(3), np.arange(3)] / seconds[:, None] ** 2
     known = np.all(variance < KNOWN_SPEED**2, axis=1)
@@ -59,9 +61,9 @@ def usual_change(motions: Float, information: Float, seconds: Float) -> Float:
 
 
 def steady_motion(motions: Float, information: Float, seconds: Float, change: Float) -> SteadyMotion:
-    """The motions of n edges, from what matches say of each and from a speed that changes little.
+    """The motions of n edges, from their matches and from a speed that changes little.
 
-    ``motions`` (n, 3) and ``information`` (n, 3, 3): what matches alone say; zero along axes that they leave open.
+    ``motions`` (n, 3) and ``information`` (n, 3, 3): those of the matches alone; zero along axes that they leave open.
     ``seconds`` (n,): how long each edge took, above 0. ``change`` (3,): `usual_change`.
     """
     n = len(motions)

@@ -10,21 +10,23 @@ from mapmend.igo.steady import SteadyMotion, steady_motion, usual_change
 from mapmend.scan_graph.hung_scans import HungScans
 from mapmend.scan_graph.scan_graph import ScanGraph
 
-# How many edges back the speed of an edge is learnt from.
+# The speed of an edge is estimated from this many edges before it.
 LOOK_BACK = 40
-# Edges after an open one may be biased too: what comes into sight was drawn at poses that the open ones carried off.
+# Edges after an open one may be biased too: surfaces that came into sight were drawn at poses with the open edges'
+# error.
 AFTER_OPEN = 10
-# A shorter open stretch is one only if the steady speed makes its length another by so many standard deviations: over
-# a few edges the front end's own prior is as good, and what looks open there is a corner seen by few beams. Lengths of
-# 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on seeds not shown there).
+# A shorter open stretch counts only if the steady speed changes its length by this many standard deviations: over a few
+# edges the front end's own prior is as good, and a stretch that looks open may be a corner seen by few beams. Lengths
+# of 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on seeds not shown
+# there).
 LONG_OPEN_M, OPEN_SIGMA = 3.0, 5.0
-# An edge that has an open axis is unchanged that moves by less: its motion is not matched but computed, and does not
+# An edge with an open axis is unchanged if it moves by less: its motion is computed and not matched, so that it has no
 # scatter.
 SAME_OPEN = 0.002
 
 
 class SteadyStretches:
-    """The steady speed of a log, round after round, from what its edges ``matched``."""
+    """The steady speed of a log, round after round, from the matches of its edges, ``matched``."""
 
     def __init__(self, graph: ScanGraph, matched: MatchedEdges) -> None:
         self._chains = graph.chains
@@ -34,7 +36,8 @@ class SteadyStretches:
         self._change = np.zeros(3)
 
     def expected(self, j: int, step: Float) -> Float:
-        """What is expected of edge j before it is matched: the speed of the round before, or the ``step`` of now."""
+        """The expected motion of edge j before it is matched: the speed of the round before, or the current
+        ``step``."""
         return step if self._steady is None else self._steady.motions[j - 1]
 
     def may_be_biased(self, j: int) -> bool:
@@ -42,7 +45,7 @@ class SteadyStretches:
         return bool(self._matched.open_axes[max(1, j - AFTER_OPEN) : j + 1].any())
 
     def step(self, j: int) -> Float:
-        """The motion of edge j at a steady speed: from the round before, or from what lies behind."""
+        """The motion of edge j at a steady speed: from the round before, or from the edges before it."""
         if self._steady is not None:
             return self._steady.motions[j - 1]
         matched, seconds = self._matched, self._seconds
@@ -52,9 +55,9 @@ class SteadyStretches:
         return steady_motion(matched.motions[rows], matched.information[rows], seconds[rows], self._change).motions[-1]
 
     def level_speeds(self, wanted: Bool, odometry: Float) -> Bool:
-        """Gives the open edges a steady speed, from both ends of each stretch; which edges that changes.
+        """Gives the open edges a steady speed, from both ends of each stretch; returns which edges this changes.
 
-        ``odometry`` (n, 3, 3): Sigma_odo; written where the speed says more.
+        ``odometry`` (n, 3, 3): Sigma_odo; overwritten for the open edges by the covariance of the speed.
         """
         matched, n = self._matched, len(self._chains)
         if not matched.is_open.any():
@@ -74,7 +77,7 @@ class SteadyStretches:
         return self._unlike_before(after & wanted)
 
     def _close_what_is_as_before(self, steady: SteadyMotion) -> None:
-        """Takes short open stretches for none where the edges had the length that the steady speed gives."""
+        """Treats short open stretches as not open if their edges had the length that the steady speed gives."""
         matched, before = self._matched, self._chains.edges
         for first, end in runs(matched.is_open):
             length, off, ahead = 0.0, np.zeros(2), np.zeros(2)
@@ -100,7 +103,7 @@ class SteadyStretches:
 
 
 def edge_seconds(hung: HungScans) -> Float:
-    """How long each odometry edge took, (n,), by the node that it ends at; by its number of scans where stamps jump."""
+    """The duration of each odometry edge, (n,), by its last node; from its number of scans where stamps jump."""
     scans, stamps = hung.node_scan, hung.stamps_s
     interval = np.diff(stamps)
     usual = float(np.median(interval[interval > 0.0])) if (interval > 0.0).any() else 1.0

@@ -1,4 +1,4 @@
-"""The rebuilt global grid: the trail of nodes behind the one that is matched, at the poses of now. IGO's M_g."""
+"""The rebuilt global grid: the trail of nodes before the one that is matched, at their current poses. IGO's M_g."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from mapmend.scan_graph.scan_graph import ScanGraph
 
 Float = NDArray[np.float64]
 
-# A grid that lacks more of the last nodes is built anew: inserting them one by one would cost as much.
+# A grid that lacks more of the last nodes is rebuilt: inserting them one by one would take as long.
 MOST_BEHIND = 8
 
 
 class TrailGrid:
     """A grid of the nodes before a node, as far back as key-nodes take part in the front end's grid.
 
-    It is built anew at every key-node and when nodes are skipped; in between, nodes are added one by one. No loop takes
-    part: an odometry edge is measured against where the robot came from, whatever the loops say.
+    It is rebuilt at every key-node and when nodes are skipped; in between, nodes are added one by one. No loop takes
+    part: an odometry edge is measured only against the path by which the robot came.
     """
 
     def __init__(self, graph: ScanGraph) -> None:

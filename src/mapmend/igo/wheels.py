@@ -1,9 +1,9 @@
-"""What a log shows of its wheels: how right they are where walls tell, and where they must have slipped.
+"""The wheels of a log: how accurate they are where walls observe the motion, and where they must have slipped.
 
-Along a bare corridor the odometry alone says how far the robot went. Wheels that slip report motion that did not
-happen, never too little: where a closed loop wants a stretch to be shorter than reported, by more than these wheels
-err elsewhere, they slipped there, and the optimizer's pose is the better guess. A stretch that the loop wants longer is
-good, and its edges return to what was reported.
+Along a bare corridor only the odometry shows how far the robot went. Wheels that slip report motion that did not
+happen; they never report too little. If a closed loop makes a stretch shorter than reported, by more than these wheels
+err elsewhere, they slipped there, and the optimizer's pose is the better guess. A stretch that the loop makes longer is
+good, and its edges return to the reported motion.
 """
 
 from __future__ import annotations
@@ -18,38 +18,39 @@ from mapmend.igo.observed import Float, MatchedEdges, runs, turned, without_gaps
 from mapmend.scan_graph.chains import Chains, OdometryEdge
 from mapmend.scan_graph.motion import STD_PER_MEDIAN, odometry_std
 
-# Steps shorter than this say little of the wheels.
+# Shorter steps are not used: they show little of the wheels.
 SHORTEST_STEP_M = 0.1
-# With fewer steps nothing is learnt.
+# With fewer steps the wheels' errors are not estimated.
 FEWEST_STEPS = 20
-# Open stretches shorter than this are left alone.
+# Shorter open stretches are left unchanged.
 SHORTEST_STRETCH_M = 1.0
-# A motion that changes by less is the same.
+# A motion that changes by less counts as the same.
 SAME_M = 0.002
-# Shorter by so many standard deviations is slip.
+# A stretch that is shorter by this many standard deviations has slipped.
 SLIPPED = 3.0
 
 
 @dataclass(frozen=True)
 class Wheels:
-    """``scale_off``: how far true over reported motion is from 1. ``std_after_1_m``: of a random walk about it."""
+    """``scale_off``: the difference of true over reported motion from 1. ``std_after_1_m``: of a random walk about
+    it."""
 
     scale_off: float
     std_after_1_m: float
 
     def stretch_std_m(self, length_m: float) -> float:
-        """How far off what the wheels report of a stretch usually is, where they did not slip."""
+        """The usual error of the reported length of a stretch without slip."""
         return float(np.hypot(self.std_after_1_m * np.sqrt(length_m), self.scale_off * length_m))
 
     def have_slipped(self, reported_m: float, optimized_m: float) -> bool:
-        """Whether a stretch came out shorter than the wheels, but for their usual errors, can have reported it."""
+        """Whether a stretch is shorter than reported by more than the usual errors of the wheels."""
         return reported_m - optimized_m > SLIPPED * self.stretch_std_m(reported_m)
 
 
 def learn_wheels(found_m: Float, reported_m: Float) -> Wheels | None:
-    """The wheels' errors from steps that matches know, ``found_m`` and ``reported_m`` (n,); None for too few.
+    """The wheels' errors from steps that matches observe, ``found_m`` and ``reported_m`` (n,); None for too few.
 
-    Medians: a slip that was seen is no usual error.
+    They are medians, so that slips among the steps have little influence.
     """
     told = np.abs(reported_m) > SHORTEST_STEP_M
     if told.sum() < FEWEST_STEPS:
@@ -63,7 +64,7 @@ def learn_wheels(found_m: Float, reported_m: Float) -> Wheels | None:
 def is_slip(reported: Float, found: Float, settings: MotionConfig) -> bool:
     """Whether a motion (3,) falls short of the reported one by more than wheels err over a motion like it.
 
-    By one standard deviation: with a model as wide as the paper's, two would excuse nearly every slip.
+    The limit is one standard deviation: with a model as wide as the paper's, two would cover nearly every slip.
     """
     way, off = (float(np.hypot(step[0], step[1])) for step in (found, reported - found))
     std, _ = odometry_std(found, settings)
@@ -81,9 +82,9 @@ class Slips:
     def find(
         self, measured: MatchedEdges, reported: Float, optimized: Float, odometry: Float
     ) -> dict[int, OdometryEdge]:
-        """Edges of stretches with slip, at the optimizer's length and as open along it as in doubt; others stay.
+        """Edges of stretches with slip, with the optimizer's length and a wider covariance along it; others stay.
 
-        ``reported`` (n, 3): what the odometry says of every edge; ``optimized`` (n, 3): the poses; ``odometry``
+        ``reported`` (n, 3): the odometry's motion of every edge; ``optimized`` (n, 3): the poses; ``odometry``
         (n, 3, 3): Sigma_odo.
         """
         told = ~measured.is_open & (measured.scores >= self._config.match.min_score)

@@ -1,4 +1,4 @@
-"""Chains of nodes: poses, odometry edges between neighbours, and how certain the way along them is. IGO III-A."""
+"""Chains of nodes: poses, odometry edges between neighbours, and covariances along them. IGO III-A."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Int = NDArray[np.int64]
 SHORTEST_STRETCH = 8
 # A stretch edge is added where the covariance of the stretch is below this share of its parts', by determinants.
 WORTH_ADDING = 0.5
-# Information must be positive also along a bare corridor, where the chain of edges lacks none.
+# The information must be positive also along a bare corridor, where the chain of edges lacks none.
 LEAST_SHARE = 1e-3
 
 
@@ -51,9 +51,9 @@ class Chains:
     ``drifts`` (n, 3, 3) belongs to the edge from node j - 1 to j, and is zero where a chain begins.
 
     The errors of neighbouring odometry edges cancel: that of the match of the node between them enters both, with
-    opposite signs. Along a stretch of trajectory only the errors of its two ends are left, and the drift, which is the
+    opposite signs. Along a stretch of trajectory only the errors of its two ends remain, and the drift, which is the
     part of each edge's covariance that adds up. A chain of independent edges counts every node's error twice instead,
-    and covariances over 20 m come out ten times too wide. *Stretch edges* correct this: they join nodes 8, 16, 32 ...
+    and covariances over 20 m are ten times too wide. *Stretch edges* correct this: they join nodes 8, 16, 32 ...
     apart, measure what the edges between them measure, and have the information that these lack. ``given_stretches``
     are those that came with a graph; they are kept.
     """
@@ -125,7 +125,7 @@ class Chains:
         self._laid.append(laid)
 
     def move(self, poses: Float) -> None:
-        """Puts all nodes elsewhere, ``poses`` (n, 3). Edges and what is derived from them stay."""
+        """Moves all nodes to ``poses`` (n, 3). Edges and what is derived from them stay."""
         self._poses.rows[:] = poses
 
     def chain_of(self, node: int) -> tuple[int, int]:
@@ -134,7 +134,7 @@ class Chains:
         return self._starts[chain - 1], self._starts[chain] if chain < len(self._starts) else len(self)
 
     def within(self, node: int, before_m: float, after_m: float) -> tuple[int, int]:
-        """The nodes of the same chain from ``before_m`` of trajectory before ``node`` to ``after_m`` behind it.
+        """The nodes of the same chain from ``before_m`` of trajectory before ``node`` to ``after_m`` after it.
 
         The first of them, and the node after the last.
         """
@@ -146,8 +146,8 @@ class Chains:
     def covariance_between(self, first: int, last: int) -> Float:
         """The covariance of ``T_first_last`` along the odometry edges, in the frame of ``last``: IGO eq. (6).
 
-        The drift of every edge, and the rest of the first and the last, half of which is each end's own. Raises
-        MapmendError where a chain begins between the two: nothing is known of the way then.
+        The drift of every edge, and the rest of the first and the last, half of which is that of each end. Raises
+        MapmendError if a chain begins between the two, since then there is no odometry between them.
         """
         if last <= first:
             return np.zeros((3, 3))
@@ -162,7 +162,7 @@ class Chains:
     def replace(self, edges: dict[int, OdometryEdge]) -> None:
         """New odometry edges, by the node that each ends at.
 
-        What is derived from odometry edges is derived again: the trajectory's length and the stretch edges. A stretch
+        The trajectory's length and the stretch edges are derived again. A stretch
         that came with the graph measures from now on what the edges between its nodes measure, if one of them is new.
         """
         for j, edge in edges.items():
@@ -203,7 +203,7 @@ class Chains:
             span *= 2
 
     def _covariance_of_parts(self, first: int, last: int) -> Float:
-        """What a stretch's covariance is to a graph that knows its parts alone: its halves, or its odometry edges."""
+        """The covariance of a stretch in a graph that has only its parts: its halves, or its odometry edges."""
         if last - first > SHORTEST_STRETCH:
             middle = (first + last) // 2
             carry = self._carry(np.array([middle]), last)[0]

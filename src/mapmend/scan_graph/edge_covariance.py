@@ -1,4 +1,4 @@
-"""The covariance of an odometry edge: what its matches say, what the odometry adds, and which part adds up. IGO (2)."""
+"""The covariance of an odometry edge: that of its matches, the odometry's share, and the part that adds up. IGO (2)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def edge_covariance(both_matches: Float, odometry: Float, score: float, min_scor
     """IGO (2), and its drift: Sigma_obs where the score is good, more and more of Sigma_odo where it is not.
 
     ``both_matches`` (3, 3): of the two matches that the edge lies between, each with its own noise. The odometry was
-    the prior of every match: Sigma_obs is that of both together, and along a corridor, where the beams say nothing, the
-    odometry's. What the odometry contributes adds up along the trajectory; of what the matches do, only the grid's own
-    share.
+    the prior of every match: Sigma_obs is that of both together, and along a corridor, where the beams observe nothing,
+    the odometry's. The odometry's part adds up along the trajectory; of the matches' part, only the grid's own share
+    does.
     """
     told_by_matches = se2.invert_symmetric(both_matches)
     edge = se2.invert_symmetric(told_by_matches + se2.invert_symmetric(odometry))

@@ -1,4 +1,4 @@
-"""Every scan of a log hangs on the node before it, and moves along with the nodes."""
+"""Every scan of a log is attached to the node before it, and moves with the nodes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ WRONG_SHARE = 0.5
 
 
 class HungScans:
-    """What a log says of each of its scans, and where each was found.
+    """The log's data of each of its scans, and the pose at which each was found.
 
-    A row for every scan: ``stamps_s`` (m,); ``odometry`` (m, 3), ``T_odometry_robot``; the ``node`` (m,) it hangs on;
-    ``T_node_scan`` (m, 3), the robot's pose at the scan, seen from that node. A row for every node: ``node_scan`` (n,),
-    the scan that became the node; ``tracked_step`` (n, 3), the motion from the node before as it was found scan by
-    scan; ``begins`` (n,), whether it is the first of a chain, and has no such motion.
+    A row for every scan: ``stamps_s`` (m,); ``odometry`` (m, 3), ``T_odometry_robot``; the ``node`` (m,) to which it is
+    attached; ``T_node_scan`` (m, 3), the robot's pose at the scan, relative to that node. A row for every node:
+    ``node_scan`` (n,), the scan that became the node; ``tracked_step`` (n, 3), the motion from the node before as it
+    was found scan by scan; ``begins`` (n,), whether it is the first of a chain, and has no such motion.
     """
 
     def __init__(self) -> None:
@@ -73,16 +73,16 @@ class HungScans:
         return len(self) - 1
 
     def note_node(self, scan: int, tracked_step: Float | None) -> None:
-        """Notes that a scan became the next node, ``tracked_step`` (3,) after the node before it.
+        """Records that a scan became the next node, ``tracked_step`` (3,) after the node before it.
 
-        None where a chain begins with it: then nothing is known of the motion from the node before.
+        None if a chain begins with it: then the motion from the node before is not known.
         """
         self._node_scan.append(scan)
         self._tracked_step.append(np.zeros(3) if tracked_step is None else tracked_step)
         self._begins.append(tracked_step is None)
 
     def reported_motions(self) -> Float:
-        """What the odometry reports of the motion from the node before, (n, 3); zero where a chain begins."""
+        """The odometry's motion from the node before, (n, 3); zero where a chain begins."""
         poses = self.odometry[self.node_scan]
         motions = np.concatenate((np.zeros((1, 3)), se2.between(poses[:-1], poses[1:])))
         motions[self.begins] = 0.0
@@ -91,9 +91,9 @@ class HungScans:
     def scan_poses(self, node_poses: Float) -> Float:
         """``T_map_robot`` of every scan of the log, shape (m, 3), with the nodes at ``node_poses`` (n, 3).
 
-        A scan between two nodes follows both: it was found relative to the node before it, and what the optimizer
-        changed of the step to the node behind it is shared out along the way. Where that is more than half of the step,
-        the way was wrong too, and the scans are laid evenly in between, one after the other.
+        A scan between two nodes follows both: it was found relative to the node before it, and it takes its share of
+        the optimizer's change of the step to the next node. If this change is more than half of the step, the tracked
+        poses in between were wrong too, and the scans are placed evenly between the two nodes.
         """
         node, tracked = self.node, self.tracked_step
         behind = se2.compose(node_poses[node], self.T_node_scan)
@@ -116,7 +116,7 @@ class HungScans:
         return poses
 
     def _laid_evenly(self, scans: Int, node_poses: Float) -> Float:
-        """Poses of scans (m,) that divide the steps between their nodes in proportion to how many scans lie there."""
+        """Poses of scans (m,) that divide the steps between their nodes evenly."""
         node = self.node[scans]
         begin, end = self.node_scan[node], self.node_scan[node + 1]
         step = se2.between(node_poses[node], node_poses[node + 1])

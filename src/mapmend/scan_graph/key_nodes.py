@@ -33,10 +33,10 @@ class KeyNode:
 
 @dataclass
 class LocalGrid:
-    """A key-node's grid, and the likelihood field made from it when first asked for.
+    """A key-node's grid, and its likelihood field, which is made when it is first needed.
 
-    Its frame is that of the key-node's first node; ``poses`` (n, 3) are those that the nodes from ``begin`` on had in
-    that frame when the grid was built from them, and still have in it whatever the optimizer did to the map since.
+    Its frame is that of the key-node's first node; ``poses`` (n, 3) are those of the nodes from ``begin`` on in that
+    frame when the grid was built; the optimizer does not change them.
     """
 
     grid: SurfaceGrid
@@ -46,9 +46,9 @@ class LocalGrid:
 
 
 class KeyNodes:
-    """All key-nodes, what links them, and the local grids that were asked for last.
+    """All key-nodes, their links, and the local grids that were used last.
 
-    A local grid is built from the scans when a loop search first wants it, and at most ``KEPT_GRIDS`` are kept: memory
+    A local grid is built from the scans when a loop search first needs it, and at most ``KEPT_GRIDS`` are kept: memory
     does not grow with the log.
     """
 
@@ -77,9 +77,9 @@ class KeyNodes:
         return self._of_node.rows
 
     def add_node(self, node: int) -> bool:
-        """Puts the newest node into the current key-node, or opens a new one with it: then True.
+        """Puts the newest node into the current key-node, or opens a new one with it and returns True.
 
-        A new one opens after T_l of trajectory, and where a chain begins: what links those is found by loops alone.
+        A new one is opened after T_l of trajectory, and where a chain begins: only loops link the latter.
         """
         path, length = self._chains.path_m, self._config.key_nodes.trajectory_length_m
         begins = self._chains.chain_of(node)[0] == node
@@ -96,22 +96,23 @@ class KeyNodes:
         return bool(opens)
 
     def link(self, a: int, b: int, length_m: float) -> None:
-        """Says that a and b are known relative to each other: neighbours by T_l, a verified loop by nothing."""
+        """Links a and b, whose relative pose is known: the link counts T_l for neighbours, nothing for a verified
+        loop."""
         if length_m < self._links[a].get(b, np.inf):
             self._links[a][b] = self._links[b][a] = length_m
             self._known.clear()
 
     def known(self) -> dict[int, float]:
-        """The key-nodes whose relation to the current one is known, and how far along links they are, metres.
+        """The key-nodes whose pose relative to the current one is known, and their distance along links, metres.
 
-        Those within the members' length of it: they take part in the global grid, and their loops need no search.
+        These are those within the members' length: they take part in the global grid, and their loops need no search.
         """
         if self.last not in self._known:
             self._known[self.last] = self.distances(self.last, self._config.key_nodes.member_length_m)
         return self._known[self.last]
 
     def distances(self, start: int, limit_m: float) -> dict[int, float]:
-        """How far along links every key-node within ``limit_m`` of ``start`` is, metres of trajectory."""
+        """The distance along links of every key-node within ``limit_m`` of ``start``, metres of trajectory."""
         found: dict[int, float] = {}
         queue = [(0.0, start)]
         while queue:
@@ -143,7 +144,7 @@ class KeyNodes:
         return self._grids[k]
 
     def forget_grids(self) -> None:
-        """After nodes moved within their key-nodes: local grids are built anew when asked for (IGO IV-C, line 22)."""
+        """After nodes moved within their key-nodes: local grids are rebuilt when needed (IGO IV-C, line 22)."""
         self._grids.clear()
 
     def likelihood(self, k: int) -> LikelihoodField:

@@ -60,28 +60,28 @@ class LoopEdges:
         return np.diag([loops.certain_std_m**2, loops.certain_std_m**2, loops.certain_std_rad**2])
 
     def is_observed(self, match: Match) -> bool:
-        """Whether the surfaces hold the match in every direction: along a bare corridor only noisy normals do."""
+        """Whether the surfaces constrain the match in every direction: along a bare corridor only noisy normals do."""
         weakest = float(np.linalg.eigvalsh(match.normal_matrix[:2, :2])[0])
         return weakest >= self._config.loops.min_observability * match.matched
 
     def agreement(self, grid: SurfaceGrid, points: Float, pose: Float) -> Agreement:
-        """What a grid says of ``points`` (n, 5) of a node at a pose (3,) in the grid's frame."""
+        """Compares a grid with ``points`` (n, 5) of a node at a pose (3,) in the grid's frame."""
         matched, contradicted, _ = self._matcher.judge(grid, points, pose)
         return Agreement(matched, contradicted, len(points))
 
     def agrees(self, agreement: Agreement) -> bool:
-        """Whether enough of what the grid has seen is confirmed."""
+        """Whether enough of the points that the grid has seen are confirmed."""
         return agreement.matched >= self._config.loops.min_agreement * agreement.seen
 
     def overlaps(self, agreement: Agreement) -> bool:
-        """Whether the grid has seen enough of where the points lie."""
+        """Whether the grid has seen enough of the points' area."""
         return agreement.seen >= self._config.loops.min_overlap * agreement.points
 
     def verified_share(self, key_node: int, match: Match, points: Float) -> float:
-        """Of the ``points`` (n, 5) that the grid has seen, the share that it confirms; 0 where a match is not verified.
+        """Of the ``points`` (n, 5) that the grid has seen, the share that it confirms; 0 if the match is not verified.
 
         A match is verified if the grid has seen enough of the points and confirms enough of these, and if the match is
-        held in every direction.
+        constrained in every direction.
         """
         agreement = self.agreement(self._key_nodes.local_grid(key_node).grid, points, match.pose)
         if not self.overlaps(agreement) or not self.agrees(agreement):
@@ -99,10 +99,10 @@ class LoopEdges:
         return LoopEdge(anchor, node, measured, se2.invert_symmetric(covariance))
 
     def _bend(self, anchor: int, T_anchor_node: Float) -> Float:
-        """What the local grid itself may be wrong by, in the frame of the matched node, shape (3, 3).
+        """The uncertainty of the local grid itself, in the frame of the matched node, shape (3, 3).
 
-        It was built from nodes along the trajectory: seen from one of them, the walls are as uncertain as the way to
-        the node that saw them, on average half as far as the key-node is long.
+        It was built from nodes along the trajectory: relative to one of them, a wall is as uncertain as the path to the
+        node that saw it, which is on average half as long as the key-node.
         """
         chains = self._chains
         _, after = chains.within(anchor, 0.0, 0.5 * self._config.key_nodes.trajectory_length_m)

@@ -15,9 +15,9 @@ from mapmend.scan_graph.points import ScanPoints
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-# The frame of a grid that stands where the map does.
+# The frame of a grid in the frame of the map.
 ORIGIN = np.zeros(3)
-# How many scans of one spot go into a grid, and how far poses of one spot may lie apart.
+# How many scans of one spot go into a grid, and how far apart the poses of one spot may be.
 CROWD = 1
 SPOT_M = 1.0
 SPOT_RAD = 0.7
@@ -26,7 +26,7 @@ RECENT_STRIDE = 3
 
 
 def insert_nodes(grid: SurfaceGrid, points: ScanPoints, nodes: Iterable[int], poses: Float) -> None:
-    """Puts the scans of ``nodes`` (n,) into a grid, in whose frame they stand at ``poses`` (n, 3)."""
+    """Inserts the scans of ``nodes`` (n,) into a grid, at ``poses`` (n, 3) in its frame."""
     for node, pose in zip(nodes, poses, strict=True):
         grid.insert(points.of(int(node)), points.laser_origin(int(node)), pose)
 

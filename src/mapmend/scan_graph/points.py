@@ -16,13 +16,14 @@ from mapmend.scan_graph.growing import GrowingArray
 Float = NDArray[np.float64]
 
 DENSE_RAD = np.radians(0.45)
-"""Beams closer than this have chords between next neighbours that are as short as the noise. Maps by 1,441 beams a
-half circle, with 3 cm of noise, were off by 0.20 m, and are by 0.02 m; by 682 beams that see 4 m along a corridor by
-0.9 m, and are by 0.05 m: normals that noise turns look as if they held the robot. Lasers of half a degree and more
-keep their next neighbours: with wider chords intel is 0.4 mm better and fr079 1.1 mm worse."""
+"""With beams closer than this, chords between next neighbours are as short as the noise, and noisy normals look like
+information along a corridor. With next neighbours, maps by 1,441 beams in a half circle, with 3 cm of noise, had an
+error of 0.20 m, now 0.02 m; by 682 beams with a range of 4 m, along a corridor, 0.9 m, now 0.05 m. Lasers with half a
+degree and more between beams use the next neighbours: with wider chords intel is 0.4 mm better and fr079 1.1 mm
+worse."""
 
 NEIGHBOUR_RAD, NEIGHBOUR_M = np.radians(0.5), 0.1
-"""How far a dense laser's neighbours are from a point, to either side: two cells of the grid, and half a degree."""
+"""The distance of a dense laser's neighbours from a point, on both sides: two cells of the grid, and half a degree."""
 
 
 class NodeScans:
@@ -69,7 +70,7 @@ class Readings(Protocol):
 
 
 class ScanPoints:
-    """Projects scans when asked: a scan costs some microseconds, all scans of a long log would cost its memory."""
+    """Projects scans on demand: a scan takes some microseconds, all scans of a long log would take much memory."""
 
     def __init__(self, readings: Readings, config: ScanConfig) -> None:
         self._readings = readings
@@ -82,7 +83,7 @@ class ScanPoints:
         return self.project(self._readings.ranges_of(k), self._readings.laser_of(k))
 
     def laser_origin(self, k: int) -> Float:
-        """Where the laser of scan k stands on the robot, shape (3,)."""
+        """The pose of scan k's laser on the robot, shape (3,)."""
         return self.origin_of(self._readings.laser_of(k))
 
     def project(self, ranges_m: NDArray[np.float32], laser: int) -> Float:
@@ -92,7 +93,7 @@ class ScanPoints:
         return self._room[:count]
 
     def origin_of(self, laser: int) -> Float:
-        """Where one of the lasers stands on the robot, shape (3,)."""
+        """The pose of one of the lasers on the robot, shape (3,)."""
         return self._laser(laser)[2]
 
     def _laser(self, laser: int) -> tuple[Float, Float, Float, Float]:
@@ -109,6 +110,7 @@ class ScanPoints:
 
 
 def neighbours_away(geometry: LaserGeometry) -> tuple[int, float]:
-    """How many beams away the neighbours of a point are: at least, and times the range in metres."""
+    """How many beams away the neighbours of a point are: the least number, and that number times the range in
+    metres."""
     step = max(abs(geometry.angle_increment_rad), 1e-9)
     return (1, 0.0) if step > DENSE_RAD else (max(1, round(NEIGHBOUR_RAD / step)), NEIGHBOUR_M / step)

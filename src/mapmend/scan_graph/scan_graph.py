@@ -24,9 +24,9 @@ Int = NDArray[np.int64]
 
 
 class ScanGraph:
-    """``chains``: the nodes and odometry edges. ``hung``: the log's scans, each on a node. ``scans``, ``points``: those
-    of the nodes. ``key_nodes``: stretches of the chains with a grid each. ``loops``: the loop edges. ``loop_edges``
-    makes and verifies them.
+    """``chains``: the nodes and odometry edges. ``hung``: the log's scans, each attached to a node. ``scans``,
+    ``points``: those of the nodes. ``key_nodes``: stretches of the chains with a grid each. ``loops``: the loop edges.
+    ``loop_edges`` makes and verifies them.
     """
 
     def __init__(self, config: Config, geometries: tuple[LaserGeometry, ...] = ()) -> None:
@@ -46,10 +46,11 @@ class ScanGraph:
     def add_node(
         self, ranges_m: Float32, laser: int, pose: Float, edge: OdometryEdge | None, tracked: Float | None = None
     ) -> bool:
-        """Makes the log's next scan a node at ``pose`` (3,); True where it opens a key-node. The scan is hung after it.
+        """Makes the log's next scan a node at ``pose`` (3,); True if it opens a key-node. The scan is attached after
+        it.
 
-        ``edge``: from the node before it; None where a chain begins. ``tracked`` (3,): the motion from the node before
-        it as it was found scan by scan, the edge's if it is not given.
+        ``edge``: from the node before it; None if a chain begins. ``tracked`` (3,): the motion from the node before it
+        as it was found scan by scan; that of the edge if it is not given.
         """
         self.scans.add(ranges_m, laser)
         node = self.chains.begin(pose) if edge is None else self.chains.add(pose, edge)
@@ -58,11 +59,11 @@ class ScanGraph:
         return self.key_nodes.add_node(node)
 
     def scan_poses(self) -> Float:
-        """``T_map_robot`` of every scan of the log, shape (m, 3), with the nodes where they are now."""
+        """``T_map_robot`` of every scan of the log, shape (m, 3), with the nodes at their current poses."""
         return self.hung.scan_poses(self.chains.poses)
 
     def pose_graph(self, with_scans: bool = False) -> PoseGraph:
-        """The graph of all nodes and edges: odometry, stretches, loops; the scans with it where asked for."""
+        """The graph of all nodes and edges: odometry, stretches, loops; with the scans if wanted."""
         chains, n = self.chains, len(self)
         follows = np.ones(n, dtype=np.bool_)
         follows[chains.starts] = False
