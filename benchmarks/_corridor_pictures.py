@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.geometry import se2
-from mapmend.lab.method_figures import EdgePanel, Path2D, draw_edges, draw_paths
+from mapmend.lab.method_figures import EdgePanel, TitledPath, draw_edges, draw_paths
 from mapmend.simulation import Simulation
 from mapmend.slam import METHODS, MapResult, build_map
 from mapmend.view.figures import MapPanel, draw_comparison
@@ -36,12 +36,12 @@ def draw_all(rows: Sequence[Any], drives: Mapping[str, Any], folder: Path) -> No
         title = f"{name}: {found.translation_rmse_m:.2f} m"
         T_world_map = found.T_reference_estimate
         maps.append(MapPanel(title, result.occupancy, result.trajectory.poses, T_world_map))
-        paths.append(Path2D(title, se2.compose(T_world_map, result.trajectory.poses)[:, :2]))
+        paths.append(TitledPath(title, se2.compose(T_world_map, result.trajectory.poses)[:, :2]))
         if name != "scanmatch":
             nodes = se2.compose(T_world_map, result.graph.poses)
             edges.append(EdgePanel(title, nodes[:, :2], too_long(result, simulation)))
     draw_comparison(simulation.world.walls, simulation.truth, maps, folder / "corridor-maps.png")
-    draw_paths(Path2D("truth", simulation.truth[:, :2]), paths, folder / "corridor-paths.png")
+    draw_paths(TitledPath("truth", simulation.truth[:, :2]), paths, folder / "corridor-paths.png")
     draw_edges(edges, folder / "corridor-edges.png")
 
 

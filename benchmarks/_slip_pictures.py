@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mapmend.evaluation.trajectory import align
 from mapmend.geometry import se2
-from mapmend.lab.method_figures import EdgePanel, Path2D, draw_edges, draw_maps, draw_paths
+from mapmend.lab.method_figures import EdgePanel, TitledPath, draw_edges, draw_maps, draw_paths
 from mapmend.scan import ScanLog
 from mapmend.slam import METHODS, MapResult
 from mapmend.view.figures import MapPanel
@@ -42,7 +42,7 @@ def draw_all(drawn: Drawn, folder: Path) -> None:
     truth = drawn.reference.trajectory.poses
     maps = [MapPanel("go, without slips", drawn.reference.occupancy, truth, np.zeros(3))]
     odometry = placed(drawn.log.odometry, truth)
-    paths, edges = [Path2D("odometry", odometry[1][:, :2])], []
+    paths, edges = [TitledPath("odometry", odometry[1][:, :2])], []
     for name in SHOWN:
         if name not in METHODS:
             continue
@@ -50,11 +50,11 @@ def draw_all(drawn: Drawn, folder: Path) -> None:
         title = f"{name}: {drawn.errors_m[name]:.3f} m" if name in drawn.errors_m else name
         T_truth_map, poses = placed(result.trajectory.poses, truth)
         maps.append(MapPanel(title, result.occupancy, result.trajectory.poses, T_truth_map))
-        paths.append(Path2D(title, poses[:, :2]))
+        paths.append(TitledPath(title, poses[:, :2]))
         nodes = se2.compose(T_truth_map, result.graph.poses)
         edges.append(EdgePanel(title, nodes[:, :2], too_long(result, drawn.log, truth)))
     draw_maps(maps, folder / f"slip-{drawn.name}-maps.png")
-    draw_paths(Path2D("go, without slips", truth[:, :2]), paths, folder / f"slip-{drawn.name}-paths.png")
+    draw_paths(TitledPath("go, without slips", truth[:, :2]), paths, folder / f"slip-{drawn.name}-paths.png")
     draw_edges(edges, folder / f"slip-{drawn.name}-edges.png")
 
 

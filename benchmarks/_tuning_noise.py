@@ -14,7 +14,7 @@ from mapmend.consistency.measure import measure_at
 from mapmend.consistency.visibility import view_scans
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import map_in_order
-from mapmend.tuning import dcs
+from mapmend.tuning import tune as tuning
 from mapmend.tuning.pair_sample import NO_DROP, PairSample
 
 Float = NDArray[np.float64]
@@ -28,7 +28,7 @@ STRETCHES = 30
 def differences(start: PoseGraph, poses: list[Float], threads: int) -> list[tuple[float, float]]:
     """M of each map over that of the first one, less 1, and the standard error by the jackknife."""
     assert start.scans is not None
-    views = view_scans(start.scans, dcs.DEFAULT_CONFIG.consistency)
+    views = view_scans(start.scans, tuning.DEFAULT_CONFIG.consistency)
     sample = PairSample(views, STRIDE)
     sample.list_pairs(poses)
     pairs = sample.pairs

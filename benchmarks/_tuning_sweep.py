@@ -21,7 +21,7 @@ from mapmend.consistency.views import ScanViews
 from mapmend.consistency.visibility import view_scans
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.parallel import map_in_order
-from mapmend.tuning import dcs
+from mapmend.tuning import tune as tuning
 from mapmend.tuning.pair_sample import NO_DROP, Evaluation, PairSample
 from mapmend.tuning.search import LARGEST_ROOT
 from mapmend.tuning.solutions import Solution, solve
@@ -56,7 +56,7 @@ def sweep(start: PoseGraph, threads: int, whole: bool = False) -> tuple[dict[str
     solved = solve(start, "dcs", (roots**2).tolist(), threads=threads)
     found = [s for s in solved if isinstance(s, Solution)]
     assert start.scans is not None
-    views = view_scans(start.scans, dcs.DEFAULT_CONFIG.consistency)
+    views = view_scans(start.scans, tuning.DEFAULT_CONFIG.consistency)
     left, stages, errors = np.arange(len(found)), [], []
     stride = FIRST_STRIDE
     while len(left) > FEW and stride > 1:
@@ -112,5 +112,5 @@ def over_all(views: ScanViews, poses: list[Float], least_m: float, threads: int)
 
 def sum_over_all(views: ScanViews, poses: Float, threads: int) -> float:
     """The sum of M_ij over all pairs of scans of a map, metres."""
-    measure_m, overlapping = dcs.average_measure(views.placed(poses), threads=threads)
+    measure_m, overlapping = tuning.average_measure(views.placed(poses), threads=threads)
     return measure_m * overlapping

@@ -38,7 +38,7 @@ from mapmend.graph.starts import along_odometry
 from mapmend.io.reader import read
 from mapmend.io.relations import Relations, read_relations
 from mapmend.lab.false_loops import add_false_loops
-from mapmend.tuning import dcs
+from mapmend.tuning import tune as tuning
 from mapmend.tuning.pair_sample import Evaluation, PairSample
 from mapmend.tuning.search import grid_roots
 from mapmend.tuning.solutions import Solution, solve
@@ -164,7 +164,7 @@ def measure_errors(options: argparse.Namespace, case: Case) -> dict[str, Any]:
     for name, kernel in SOLVERS.items():
         rows[name] = errors_of(options.data, case.graph, optimize(start, kernel=kernel).poses)
     began, cpu = time.perf_counter(), time.process_time()
-    result = dcs.tune(start, init="given", threads=options.threads)
+    result = tuning.tune(start, init="given", threads=options.threads)
     seconds = {"wall": time.perf_counter() - began, "cpu": time.process_time() - cpu}
     rows["phi*"] = errors_of(options.data, case.graph, result.graph.poses)
     false = np.arange(len(start.edges)) >= len(loaded(options.data, case.graph)[0].edges)
@@ -210,13 +210,13 @@ def shortcut_table(options: argparse.Namespace) -> str:
             start = spoiled(options.data, Case(name, "random", count, "odometry", 0))
             solutions = solve(start, "dcs", [r * r for r in grid_roots()], threads=options.threads)
             poses = [s.poses for s in solutions if isinstance(s, Solution)]
-            views = view_scans(scans_of(start), dcs.DEFAULT_CONFIG.consistency)
-            stride = 1 if options.all_pairs else dcs.sample_of(views.placed(start.poses)).stride
+            views = view_scans(scans_of(start), tuning.DEFAULT_CONFIG.consistency)
+            stride = 1 if options.all_pairs else tuning.sample_of(views.placed(start.poses)).stride
             whole = PairSample(views, stride)
             plain, *spent = timed(whole, poses, -1.0, options.threads)
             rows.append((f"{name}, {count} false loops", "no", *cells(whole, plain, plain, spent)))
             sample = PairSample(views, stride)
-            limit = dcs.TOLERANCE * float(plain.sum_m.min()) / len(whole.pairs)
+            limit = tuning.TOLERANCE * float(plain.sum_m.min()) / len(whole.pairs)
             found, *spent = timed(sample, poses, limit, options.threads)
             rows.append((f"{name}, {count} false loops", "yes", *cells(sample, found, plain, spent)))
     head = ("graph", "shortcut", "pairs", "measured", "wall s", "CPU s", "M differs by", "bound")
@@ -228,7 +228,7 @@ def noise_table(options: argparse.Namespace) -> str:
     rows = []
     for name in options.graphs:
         start = spoiled(options.data, Case(name, "-", 0, "odometry", 0))
-        best = dcs.tune(start, init="given", threads=options.threads).least_phi
+        best = tuning.tune(start, init="given", threads=options.threads).least_phi
         phis = [best, *(phi for phi in NOISE_PHIS if phi != best)]
         found = [s for s in solve(start, "dcs", phis, threads=options.threads) if isinstance(s, Solution)]
         above = differences(start, [s.poses for s in found], options.threads)

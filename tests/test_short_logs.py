@@ -13,7 +13,7 @@ from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import between
 from mapmend.simulation import OdometryModel, corridor_loop, simulate
 from mapmend.slam import METHODS, build_map
-from mapmend.tuning.dcs import tune
+from mapmend.tuning.tune import tune
 
 FEW = (2, 3, 4, 5, 6, 7, 8, 10, 14, 20, 30, 40)
 SCARCE = (2, 3, 8, 20)

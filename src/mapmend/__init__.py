@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from mapmend.run_folder import write_run as write_run
     from mapmend.slam import MapResult as MapResult
     from mapmend.slam import build_map as build_map
-    from mapmend.tuning.dcs import TuneResult as TuneResult
-    from mapmend.tuning.dcs import tune as tune
+    from mapmend.tuning.tune import TuneResult as TuneResult
+    from mapmend.tuning.tune import tune as tune
 
 __version__ = "0.1.0"
 
@@ -32,12 +32,12 @@ _HOMES = {
     "Config": "mapmend.config",
     "MapResult": "mapmend.slam",
     "MapmendError": "mapmend.errors",
-    "TuneResult": "mapmend.tuning.dcs",
+    "TuneResult": "mapmend.tuning.tune",
     "build_map": "mapmend.slam",
     "check": "mapmend.consistency.check",
     "read": "mapmend.io.reader",
     "read_log": "mapmend.io.read_log",
-    "tune": "mapmend.tuning.dcs",
+    "tune": "mapmend.tuning.tune",
     "write_run": "mapmend.run_folder",
 }
 

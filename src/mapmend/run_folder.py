@@ -19,7 +19,7 @@ from mapmend.slam import MapResult, stage
 from mapmend.trajectory import path_length_m
 
 if TYPE_CHECKING:
-    from mapmend.tuning.dcs import TuneResult
+    from mapmend.tuning.tune import TuneResult
 
 
 def write_run(

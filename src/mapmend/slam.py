@@ -3,7 +3,7 @@
 read   io.read_log           a log of scans, with the odometry at each
 match  front_end.builder     IGO III: predict, match, open nodes and key-nodes, search loops, optimize (IGO's "GO")
 mend   igo.iterate           IGO IV: match edges again from the optimizer's poses, until chi2 settles
-tune   tuning.dcs            if wanted: choose by the scans from which chi2 on loops are doubted (MC V)
+tune   tuning.tune           if wanted: choose by the scans from which chi2 on loops are doubted (MC V)
 map    grid.occupancy        the nodes' scans at the optimized poses
 write  run_folder            trajectory, graph, map, and a picture of them
 """
@@ -34,7 +34,7 @@ from mapmend.trajectory import Trajectory
 if TYPE_CHECKING:
     from mapmend.front_end.builder import FrontEnd
     from mapmend.igo.iterate import Iteration
-    from mapmend.tuning.dcs import TuneResult
+    from mapmend.tuning.tune import TuneResult
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -227,7 +227,7 @@ def tuned(built: Built, config: Config, threads: int, progress: Progress) -> tup
     Every solution starts at the front end's optimum, where the widest kernel leaves the map as it is, so that tuning
     cannot lose a loop that the front end has closed.
     """
-    from mapmend.tuning.dcs import tune
+    from mapmend.tuning.tune import tune
 
     if built.scans_at is None or not built.graph.is_loop.any():
         return built, None

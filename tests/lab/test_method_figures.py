@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from mapmend.lab.method_figures import EdgePanel, Path2D, draw_edges, draw_maps, draw_paths
+from mapmend.lab.method_figures import EdgePanel, TitledPath, draw_edges, draw_maps, draw_paths
 from mapmend.maps import FREE, OCCUPIED, OccupancyMap
 from mapmend.view.figures import MapPanel
 
@@ -38,8 +38,8 @@ def test_edges_have_the_colour_of_what_they_are_off_by(tmp_path):
 
 
 def test_every_path_has_its_colour(tmp_path):
-    paths = [Path2D("odometry", ROUND + 1.0), Path2D("go", ROUND + 0.5), Path2D("igo", ROUND)]
-    picture = drawn(lambda path: draw_paths(Path2D("truth", ROUND), paths, path), tmp_path, "paths.png")
+    paths = [TitledPath("odometry", ROUND + 1.0), TitledPath("go", ROUND + 0.5), TitledPath("igo", ROUND)]
+    picture = drawn(lambda path: draw_paths(TitledPath("truth", ROUND), paths, path), tmp_path, "paths.png")
     assert all(count_of(picture, colour) > 100 for colour in ((173, 181, 189), (232, 89, 12), (43, 138, 62)))
 
 

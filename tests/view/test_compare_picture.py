@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapmend.view.compare_picture import MARGIN_M, MOST_TIMES, ComparedMap, _window, draw_maps
+from mapmend.view.compare_picture import MARGIN_M, MOST_TIMES, ComparedMap, _window, draw_compared_maps
 from tests.view.test_map_picture import a_map
 
 PATH = np.zeros((5, 3))
@@ -16,7 +16,7 @@ PATH = np.zeros((5, 3))
 def test_any_number_of_maps_is_drawn(count):
     maps = [ComparedMap(f"map {k}", a_map(60 + 10 * k, 100), PATH) for k in range(count)]
     stream = io.BytesIO()
-    draw_maps(maps, stream)
+    draw_compared_maps(maps, stream)
     assert Image.open(stream).size[0] > 300
 
 
@@ -32,4 +32,4 @@ def test_a_map_that_went_astray_leaves_the_others_readable():
 def test_a_map_that_knows_nothing_is_a_map():
     grid = a_map(10, 10)
     grid.image[:] = 205
-    draw_maps([ComparedMap("empty", grid, PATH)], io.BytesIO())
+    draw_compared_maps([ComparedMap("empty", grid, PATH)], io.BytesIO())

@@ -133,7 +133,7 @@ def _run_child(request: dict[str, Any], progress: ProgressBar) -> dict[str, Any]
 def _draw(values: dict[str, Any], place: Path) -> None:
     from mapmend.io.nav2 import read_map
     from mapmend.io.reader import read_run
-    from mapmend.view.compare_picture import ComparedMap, draw_maps
+    from mapmend.view.compare_picture import ComparedMap, draw_compared_maps
 
     maps = []
     for row in values["methods"]:
@@ -141,7 +141,7 @@ def _draw(values: dict[str, Any], place: Path) -> None:
             folder = place / row["method"]
             trajectory = read_run(folder)[0]
             maps.append(ComparedMap(_title(row), read_map(folder / "map.yaml"), trajectory.poses))
-    draw_maps(maps, place / PICTURE)
+    draw_compared_maps(maps, place / PICTURE)
 
 
 def _title(row: dict[str, Any]) -> str:

@@ -16,7 +16,7 @@ from mapmend.io.formats import graph_format_of
 from mapmend.io.output import check_file_writable, write_whole
 
 if TYPE_CHECKING:
-    from mapmend.tuning.dcs import TuneResult
+    from mapmend.tuning.tune import TuneResult
 
 INCONSISTENT = 1
 GRAPH, PICTURE = "graph.g2o", "tune.png"
@@ -58,7 +58,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Tunes ``args.graph``; returns 0 if the map is consistent, 1 if no phi gives a consistent one."""
-    from mapmend.tuning.dcs import tune
+    from mapmend.tuning.tune import tune
 
     config = read_config(args)
     outputs = _outputs(args.output)
@@ -124,7 +124,7 @@ def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict
     """The output of ``--json``, without the seconds; nodes by their ids."""
     from mapmend.graph.optimizer import edge_chi2
     from mapmend.graph.robust import TRUE_EDGE_CHI2
-    from mapmend.tuning.dcs import PUBLISHED_PHI
+    from mapmend.tuning.tune import PUBLISHED_PHI
 
     graph, chi2 = result.graph, edge_chi2(result.graph)
     verdict = result.check
@@ -164,7 +164,7 @@ def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict
 
 def lines(values: dict[str, Any]) -> list[str]:
     """The report as text."""
-    from mapmend.tuning.dcs import PUBLISHED_PHI
+    from mapmend.tuning.tune import PUBLISHED_PHI
 
     seconds = {name: value for name, value in values["seconds"].items() if name != "compile"}
     compiled = f"; {values['seconds']['compile']:.1f} of them compiling" if values["seconds"]["compile"] else ""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency.cascade import PairTests, ScanTests, judge_pairs, judge_scans, map_p_value
 from mapmend.consistency.measure import measure_pairs
-from mapmend.consistency.regions import Region, contradicting_points, find_regions
+from mapmend.consistency.regions import InconsistentRegion, contradicting_points, find_regions
 from mapmend.consistency.scale import OdometryMap, estimate_scales, odometry_map, pair_scales, sensor_scales
 from mapmend.consistency.suspects import suspect_loops
 from mapmend.consistency.views import PlacedViews, ScanViews
@@ -57,7 +57,7 @@ class CheckResult:
     points: NDArray[np.bool_]
     suspects: NDArray[np.int64]
     against: Float
-    regions: list[Region]
+    regions: list[InconsistentRegion]
     notes: tuple[str, ...]
 
 

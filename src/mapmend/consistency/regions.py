@@ -21,7 +21,7 @@ DEEP = 2.0
 
 
 @dataclass(frozen=True)
-class Region:
+class InconsistentRegion:
     """Failed scans that contradict each other. ``place_m``: the middle of the contradicting points; ``size_m``: the
     larger side of the box that holds most of them. ``scans``: node rows; ``loops``: rows of edges that end among them,
     the most suspect first. ``failures``: failed pairs of these scans.
@@ -48,7 +48,7 @@ def contradicting_points(views: PlacedViews, tests: PairTests, scans: ScanTests,
 
 def find_regions(
     graph: PoseGraph, views: PlacedViews, tests: PairTests, scans: ScanTests, *, points: Bool, suspects: Int
-) -> list[Region]:
+) -> list[InconsistentRegion]:
     """The regions of failed scans, those with the most failed pairs first.
 
     ``points``: (returns,), those that contradict; ``suspects``: rows of loop edges, in the order to list them.
@@ -73,5 +73,7 @@ def find_regions(
         low, middle, high = np.quantile(mine, (0.1, 0.5, 0.9), axis=0)
         loops = suspects[is_here[graph.edges[suspects]].any(axis=1)]
         failures = int(np.count_nonzero(tests.failed & is_here[tests.pairs].any(axis=1)))
-        found.append(Region((float(middle[0]), float(middle[1])), float((high - low).max()), rows, loops, failures))
+        found.append(
+            InconsistentRegion((float(middle[0]), float(middle[1])), float((high - low).max()), rows, loops, failures)
+        )
     return sorted(found, key=lambda region: -region.failures)

@@ -25,13 +25,13 @@ from mapmend.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Path2D:
+class UnstampedPoses:
     """Poses without stamps, shape (n, 3), as in a KITTI file."""
 
     poses: Float
 
 
-Convertible = ScanLog | PoseGraph | Trajectory | Path2D
+Convertible = ScanLog | PoseGraph | Trajectory | UnstampedPoses
 
 
 @dataclass(frozen=True)
@@ -107,12 +107,12 @@ def _load(source: str | Path, form: str, bag: BagOptions | None, lenient: bool) 
     if isinstance(content, ScanLog | PoseGraph | Trajectory):
         return content
     if isinstance(content, np.ndarray) and content.dtype == np.float64 and content.shape[1] == COLUMNS:
-        return Path2D(read_kitti(source))
+        return UnstampedPoses(read_kitti(source))
     raise InputError(source, "holds no log, graph or trajectory", "name a CARMEN log, a bag, g2o, TORO, TUM or KITTI")
 
 
 def _kind(content: Convertible) -> str:
-    kinds = {ScanLog: "log", PoseGraph: "graph", Trajectory: "trajectory", Path2D: "trajectory without stamps"}
+    kinds = {ScanLog: "log", PoseGraph: "graph", Trajectory: "trajectory", UnstampedPoses: "trajectory without stamps"}
     return kinds[type(content)]
 
 
@@ -122,7 +122,7 @@ def _stamped(content: Convertible, stamps: str | Path, source: str | Path) -> Co
     if not isinstance(table, np.ndarray) or table.dtype != np.float64 or table.shape[1] != 1:
         raise InputError(stamps, "holds no column of times", "give one time in seconds on each line")
     times: Float = table[:, 0].astype(np.float64)
-    poses = content.poses if isinstance(content, Path2D | PoseGraph) else None
+    poses = content.poses if isinstance(content, UnstampedPoses | PoseGraph) else None
     if poses is None:
         raise InputError(source, "has stamps of its own", "leave out --stamps")
     if len(times) != len(poses):

@@ -23,7 +23,7 @@ LINES = ("#adb5bd", "#e8590c", "#1565c0", "#862e9c")
 
 
 @dataclass(frozen=True)
-class Path2D:
+class TitledPath:
     """A trajectory to show, ``xy_m`` (n, 2) in the truth's frame."""
 
     title: str
@@ -52,7 +52,7 @@ def draw_maps(maps: Sequence[MapPanel], path: str | Path) -> None:
     save_figure(figure, path)
 
 
-def draw_paths(truth: Path2D, paths: Sequence[Path2D], path: str | Path) -> None:
+def draw_paths(truth: TitledPath, paths: Sequence[TitledPath], path: str | Path) -> None:
     """All trajectories on one pair of axes, the true one dashed on top, as a PNG (IGO Figure 6)."""
     everything = np.concatenate([truth.xy_m, *(one.xy_m for one in paths)])
     low, high = everything.min(axis=0) - MARGIN_M, everything.max(axis=0) + MARGIN_M

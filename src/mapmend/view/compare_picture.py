@@ -31,7 +31,7 @@ class ComparedMap:
     poses: Float
 
 
-def draw_maps(maps: list[ComparedMap], path: str | Path | IO[bytes]) -> None:
+def draw_compared_maps(maps: list[ComparedMap], path: str | Path | IO[bytes]) -> None:
     """All maps on the same axes, at most three in a row, as a PNG."""
     low, high = _window(maps)
     rows = math.ceil(len(maps) / ACROSS)

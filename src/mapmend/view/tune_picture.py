@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.tuning.dcs import PUBLISHED_PHI, TuneResult
+from mapmend.tuning.tune import PUBLISHED_PHI, TuneResult
 from mapmend.view.check_picture import LOOP, MARGIN_M, MOST_POINTS, PATH, POINT
 from mapmend.view.figures import save_figure
 

@@ -13,7 +13,8 @@ from mapmend.errors import MapmendError
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.robust import KERNELS, kernel_of
 from mapmend.graph.starts import along_odometry
-from mapmend.tuning import dcs, search
+from mapmend.tuning import search
+from mapmend.tuning import tune as tuning
 from mapmend.tuning.solutions import Solution, solve
 from tests.consistency.scenes import room_graph
 from tests.tuning.graphs import doubtful_room, hopeless_room, room_of_two_valleys
@@ -31,7 +32,7 @@ def farthest_m(poses, graph):
 
 def average_measure(graph):
     """M of the map as it stands, metres, and the number of pairs that overlap."""
-    return dcs.average_measure(view_scans(graph.scans, dcs.DEFAULT_CONFIG.consistency).placed(graph.poses))
+    return tuning.average_measure(view_scans(graph.scans, tuning.DEFAULT_CONFIG.consistency).placed(graph.poses))
 
 
 def test_false_loops_are_switched_off_and_the_map_is_right(tuned):
@@ -49,7 +50,7 @@ def test_no_value_of_a_dense_sweep_is_better_by_more_than_a_hundredth(tuned):
     graph, _, result = tuned
     roots = np.linspace(0.0, 4.0, 41)
     found = solve(graph.with_poses(along_odometry(graph)), "dcs", (roots**2).tolist())
-    views = view_scans(graph.scans, dcs.DEFAULT_CONFIG.consistency)
+    views = view_scans(graph.scans, tuning.DEFAULT_CONFIG.consistency)
     least = min(measure_pairs(views.placed(s.poses)).measure_m.sum() for s in found)
     assert result.measure_m * result.overlapping <= 1.01 * least
 
@@ -68,7 +69,7 @@ def test_the_result_says_what_it_is(tuned):
     again = optimize(graph.with_poses(along_odometry(graph)), kernel=kernel_of("dcs", result.phi))
     np.testing.assert_allclose(result.graph.poses, again.poses, atol=1e-12)
     np.testing.assert_array_equal(result.edge_weights, again.edge_weights)
-    assert 0.0 <= result.curve_bound <= 2.0 * dcs.TOLERANCE
+    assert 0.0 <= result.curve_bound <= 2.0 * tuning.TOLERANCE
 
 
 def test_the_same_for_any_number_of_threads(tuned):
@@ -82,8 +83,8 @@ def test_the_same_for_any_number_of_threads(tuned):
 
 def test_a_sample_finds_the_same_map(tuned, monkeypatch):
     graph, _, whole = tuned
-    monkeypatch.setattr(dcs, "SAMPLED_POINTS", 600 * 360)
-    part = dcs.tune(graph)
+    monkeypatch.setattr(tuning, "SAMPLED_POINTS", 600 * 360)
+    part = tuning.tune(graph)
     assert part.sampled <= 0.5
     assert part.asked < 0.6 * whole.asked
     np.testing.assert_allclose(part.graph.poses, whole.graph.poses, atol=0.01)
@@ -94,9 +95,9 @@ def test_any_kernel_of_one_parameter(kernel, monkeypatch):
     monkeypatch.setattr(search, "GRID_STEPS", 16)
     monkeypatch.setattr(search, "ROUNDS", 2)
     graph, _ = doubtful_room(nodes=40)
-    result = dcs.tune(graph, kernel=kernel)
+    result = tuning.tune(graph, kernel=kernel)
     assert result.kernel == kernel
-    assert result.measure_m == pytest.approx(result.curve_m.min(), rel=dcs.TOLERANCE)
+    assert result.measure_m == pytest.approx(result.curve_m.min(), rel=tuning.TOLERANCE)
     assert farthest_m(result.graph.poses, graph) < 0.08
 
 
@@ -116,7 +117,7 @@ def with_verdicts(monkeypatch, accepts):
             judge_map(graph, *args, **options), consistent=accepts(graph), p_value=0.5 if accepts(graph) else 0.0
         )
 
-    monkeypatch.setattr(dcs, "judge_map", judged)
+    monkeypatch.setattr(tuning, "judge_map", judged)
 
 
 def test_where_the_map_of_least_m_fails_the_lowest_valley_whose_map_passes_is_taken(monkeypatch):
@@ -145,7 +146,7 @@ def test_where_none_passes_the_map_of_least_m_is_given(monkeypatch):
     result = mapmend.tune(room_of_two_valleys())
     assert not result.consistent
     assert result.phi == result.least_phi
-    assert 2 <= len(result.verdicts) <= dcs.MOST_CHECKED
+    assert 2 <= len(result.verdicts) <= tuning.MOST_CHECKED
     assert not any("taken is" in note for note in result.notes)
 
 
