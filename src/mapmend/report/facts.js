@@ -1,4 +1,4 @@
-// Below the map: verdicts, figures, seconds and settings, a column a RUN.
+// Below the map: verdicts, figures, seconds and settings, one column for each RUN.
 
 function verdictOf(model) {
   const v = model.verdict;
@@ -56,12 +56,12 @@ function drawFigures(models) {
     ["odometry, stretch edges", (m) => `${count("odometry_edges")(m)}, ${count("stretch_edges")(m)}`],
     ["loop edges", count("loop_edges")],
     ["chi\u00b2 by odometry edges alone", (m) => significant(m.page.chi2_initial, 4)],
-    ["chi\u00b2 of the map", (m) => `${significant(sum(m), 4)}, ${fixed(sum(m) / Math.max(1, freedom(m)), 2)} a degree of freedom`],
+    ["chi\u00b2 of the map", (m) => `${significant(sum(m), 4)}, ${fixed(sum(m) / Math.max(1, freedom(m)), 2)} per degree of freedom`],
     ["optimizations", count("optimizations")],
     ...[...new Set(models.flatMap((m) => Object.keys(m.counts)))]
       .filter((name) => !known.includes(name))
       .map((name) => [name.replaceAll("_", " "), count(name)]),
-    ["seconds in all", (m) => fixed(total(m), 1)],
+    ["seconds in total", (m) => fixed(total(m), 1)],
   ];
   const table = tableOf(["", ...models.map((m) => m.name)], rows.map(([name, value]) => [name, ...models.map(value)]));
   document.querySelector("#figures .scroll").replaceChildren(table);
@@ -106,7 +106,7 @@ function drawSettings(models) {
   const changed = names.filter(isChanged);
   const body = document.querySelector("#settings .body");
   body.replaceChildren(
-    names.length === 0 ? element("p", { class: "muted" }, "The RUN does not tell its settings.")
+    names.length === 0 ? element("p", { class: "muted" }, "The RUN does not contain its settings.")
       : changed.length ? element("div", { class: "scroll" }, tableOf(head, changed.map(row)))
         : element("p", {}, "All settings have their defaults."),
     element("details", {}, element("summary", {}, `All ${names.length} settings`), element("div", { class: "columns" }, tableOf(head, names.map(row)))),

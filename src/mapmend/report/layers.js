@@ -1,4 +1,4 @@
-// What is drawn over the map, one function a layer: from below to above. Widths are in pixels of the screen.
+// The layers over the map, one function for each, from bottom to top. Widths are in pixels of the screen.
 
 const TIME_COLOURS = ["#3b1f8f", "#2f4bb0", "#1f77b4", "#12908f", "#2b9a5b", "#7a9a1c"];
 const CHI2_CLASSES = [
@@ -27,7 +27,7 @@ const LAYERS = [
   { id: "suspects", label: "Suspect edges", count: (m) => m.suspects.edge.length, draw: drawSuspects, mark: ["line", SUSPECT] },
 ];
 
-// What speaks against a map is shown at once where the check calls it wrong, and on demand where it does not.
+// The evidence against a map is shown at once if the check calls it inconsistent, and on demand if not.
 function layersAtFirst(models) {
   const wrong = models.some((m) => m.verdict.checked && !m.verdict.consistent);
   return new Set(["loops", "trajectory", "keys", ...(wrong ? ["points", "flagged", "suspects"] : [])]);
@@ -47,7 +47,7 @@ function chi2Class(chi2) {
   return CHI2_CLASSES.find((one) => chi2 <= one.most) || CHI2_CLASSES[CHI2_CLASSES.length - 1];
 }
 
-// Lines that never change are paths in metres, made once for a model.
+// Lines that never change are paths in metres, made once for each model.
 function remembered(model, name, make) {
   model.paths ||= {};
   model.paths[name] ||= make();
@@ -66,7 +66,7 @@ function strokeInMetres(context, camera, path, colour, width) {
 function drawMap(context, model, camera) {
   if (!model.pyramid) return;
   const { x_m: x, y_m: y, width_m: width, height_m: height, cell_m: cell } = model.map;
-  // Of the shrunk pictures the one whose pixels come out largest, but not over one of the screen's.
+  // Of the reduced pictures, the one with the largest pixels that are not larger than the screen's.
   const level = Math.max(0, Math.floor(Math.log2(1 / (camera.scale * cell * devicePixelRatio))));
   const picture = model.pyramid[Math.min(level, model.pyramid.length - 1)];
   const [left, top] = camera.toScreen(x, y + height);
@@ -75,7 +75,7 @@ function drawMap(context, model, camera) {
   context.drawImage(picture, left, top, width * camera.scale, height * camera.scale);
 }
 
-// The picture at halves of its size, a block as dark as its darkest pixel, so that walls stay.
+// The picture repeatedly halved; a block is as dark as its darkest pixel, so that walls stay.
 function pyramidOf(picture) {
   const levels = [picture];
   let [width, height] = [picture.naturalWidth, picture.naturalHeight];
@@ -193,7 +193,7 @@ function drawFlagged(context, model, camera) {
   context.stroke();
 }
 
-// The most suspect stand out; with all that something speaks against, half a map would be violet.
+// Only the most suspect edges are drawn; with all edges that have evidence against them, half a map would be violet.
 function drawSuspects(context, model, camera) {
   const path = remembered(model, "suspects", () => {
     const made = new Path2D();
@@ -207,7 +207,7 @@ function drawSuspects(context, model, camera) {
   strokeInMetres(context, camera, path, SUSPECT, 3);
 }
 
-// A node's scan, or both scans of an edge, about what is hovered or selected.
+// The scan of the hovered or selected node, or both scans of an edge.
 function drawChoice(context, model, camera, choice, strong) {
   if (!choice) return;
   const nodes = choice.kind === "edge" ? [model.edges.i[choice.row], model.edges.j[choice.row]] : choice.nodes || [choice.row];

@@ -1,4 +1,4 @@
-// The report: one or two maps side by side, and what joins them to the panels.
+// The report: one or two maps side by side, and their connection to the panels.
 
 const MOST_VIEWS = 2;
 
@@ -14,7 +14,7 @@ class Report {
     this.stage.append(...this.views.map((view) => view.root));
     this.tip = document.getElementById("tip");
     this.views.forEach((view, k) => this.name(view, k));
-    // Two maps of one log begin at one pose, unless one of them was turned: they may move together.
+    // Two maps of one log begin at the same pose, unless one of them was turned, so they can move together.
     if (this.views.length > 1) this.join(models[0].page.log === models[1].page.log && models[0].turned_rad === models[1].turned_rad);
   }
 
@@ -84,7 +84,7 @@ class Report {
     if (!view.camera.shows(left, top, -60)) view.goTo(x, y, view.camera.width / view.camera.scale);
   }
 
-  // Shows and selects a place of any RUN; one that is in no view comes into the last.
+  // Shows and selects a place of any RUN; a RUN that is in no view is shown in the last one.
   visit(model, choice) {
     let view = this.views.find((one) => one.model === model);
     if (!view) {

@@ -1,4 +1,4 @@
-// A RUN as the page holds it: its arrays unpacked, and what lies near a place.
+// A RUN in the page: its arrays unpacked, and a search for what is near a place.
 
 const ARRAYS = {
   float32: Float32Array, float64: Float64Array, int32: Int32Array, uint16: Uint16Array, uint8: Uint8Array,

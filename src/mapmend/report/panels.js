@@ -14,7 +14,7 @@ function drawLayerRows(report) {
     });
     const mark = layer.mark ? swatch(...layer.mark) : null;
     const label = element("label", { for: box.id }, layer.label, mark);
-    const count = element("span", { class: "count" }, known ? counts.join(" | ") : "not told");
+    const count = element("span", { class: "count" }, known ? counts.join(" | ") : "unknown");
     return element("div", { class: "layer" }, box, label, count, layer.legend ? layer.legend(report.models) : null);
   });
   document.querySelector("#layers .rows").replaceChildren(...rows);
@@ -26,7 +26,7 @@ function swatch(shape, colour) {
   return mark;
 }
 
-// Names and values of what was chosen: for the tip and for the panel.
+// Names and values of the chosen item, for the tooltip and the panel.
 function describe({ kind, row, model }) {
   if (kind === "edge") return describeEdge(model, row);
   if (kind === "region") return describeRegion(model, row);
@@ -57,11 +57,11 @@ function describeEdge(model, row) {
   const [i, j] = [edges.i[row], edges.j[row]];
   const facts = [
     ["chi\u00b2", `${significant(edges.chi2[row])}, ${chi2Class(edges.chi2[row]).label}`],
-    ["map less edge", `${metres(edges.off_m[row], 3)}, ${degrees(edges.off_deg[row], 2)}`],
+    ["map minus edge", `${metres(edges.off_m[row], 3)}, ${degrees(edges.off_deg[row], 2)}`],
     ["time apart", clock(Math.abs(nodes.t_s[j] - nodes.t_s[i]))],
   ];
   const against = model.against.get(row);
-  if (model.verdict.checked) facts.push(["speaks against it", against ? `${significant(against)} \u03c3` : "nothing"]);
+  if (model.verdict.checked) facts.push(["evidence against it", against ? `${significant(against)} \u03c3` : "none"]);
   const title = `Loop edge ${nodes.id[i]} \u2192 ${nodes.id[j]}`;
   return { title, marks: against && model.suspects.edge.indexOf(row) < MOST_SUSPECTS ? ["suspect"] : [], facts };
 }
@@ -124,7 +124,7 @@ function placesOf(model) {
         `${fixed(region.x_m, 1)}, ${fixed(region.y_m, 1)}`, fixed(region.size_m, 1), whole(region.pairs_failed), whole(region.nodes.length)]),
     },
     {
-      id: "suspects", label: "Suspect edges", none: "Nothing speaks against any loop edge.",
+      id: "suspects", label: "Suspect edges", none: "There is no evidence against any loop edge.",
       head: ["loop edge", "against [\u03c3]", "chi\u00b2"],
       rows: Array.from(model.suspects.edge, (edge, k) => [{ kind: "edge", row: edge },
         edgeName(model, edge), fixed(model.suspects.against[k], 1), significant(edges.chi2[edge])]),
@@ -167,7 +167,7 @@ function placesTable(report, list) {
   if (!model.verdict.checked && list.id !== "strained") return [element("p", { class: "muted" }, `Not checked: ${model.verdict.why}.`)];
   if (!list.rows.length) return [element("p", { class: "muted" }, list.none)];
   const calm = model.verdict.consistent && (list.id === "regions" || list.id === "flagged");
-  const note = calm ? element("p", { class: "muted calm" }, "The map is called consistent: as many of these are left to chance.") : "";
+  const note = calm ? element("p", { class: "muted calm" }, "The check calls the map consistent: chance explains this many.") : "";
   const rows = list.rows.slice(0, MOST_ROWS).map(([choice, first, ...rest]) => {
     const go = () => report.visit(model, choice);
     const name = element("button", { type: "button", class: "go" }, first);

@@ -1,4 +1,4 @@
-// What other methods found out about the RUN: the rounds of igo, and the kernel parameter that tune chose.
+// Results of other steps for the RUN: the rounds of igo, and the kernel parameter that tune chose.
 
 function drawResults(report) {
   const parts = report.models.flatMap((model) => [roundsOf(report, model), tuneOf(report, model)]).filter(Boolean);
@@ -10,7 +10,7 @@ function drawResults(report) {
   }));
 }
 
-// A row a round, with all that the RUN tells of it in one number.
+// One row for each round, with all values of the RUN that are single numbers.
 function roundsOf(report, model) {
   const { rounds, chi2 } = model.mended || {};
   if (!Array.isArray(rounds) || !rounds.length) return null;
@@ -24,7 +24,7 @@ function roundsOf(report, model) {
   return ["Rounds of igo", model, before, element("div", { class: "scroll" }, tableOf(head, rows)), ...biasedOf(report, model, rounds)];
 }
 
-// The edges that were found biased, those that were moved the most first.
+// The biased edges, those that were moved the most first.
 function biasedOf(report, model, rounds) {
   const edges = rounds.flatMap((round, k) => (round.biased || []).map((edge) => ({ ...edge, round: k + 1 })));
   if (!edges.length) return [];
@@ -50,7 +50,7 @@ function tuneOf(report, model) {
   if (!tune || !Array.isArray(tune.curve)) return null;
   const verdict = tune.consistent ? "the map is consistent" : "no value gives a consistent map";
   const said = `${tune.kernel}, \u03c6 = ${significant(tune.phi)}: scans contradict each other by ` +
-    `${metres(tune.measure, 4)} a pair; ${verdict}, p = ${probability(tune.p_value)}.`;
+    `${metres(tune.measure, 4)} per pair; ${verdict}, p = ${probability(tune.p_value)}.`;
   const off = tune.switched_off || [];
   const rows = off.slice(0, MOST_ROWS).map((edge) => {
     const row = loopBetween(model, edge.from, edge.to);

@@ -1,12 +1,12 @@
-// A map on a canvas: where one looks, and what pointer and keys do there.
+// A map on a canvas: its view, and the actions of pointer and keys.
 
 const ZOOM_STEP = 1.5;
-const LEAST_SCALE = 0.2; // pixels a metre
+const LEAST_SCALE = 0.2; // pixels per metre
 const MOST_SCALE = 4000;
 const REACH_PIXELS = 9;
 const GLIDE_MS = 350;
 
-// Where a view looks: the middle in metres, and pixels a metre. Views that move together share one.
+// The position of a view: its centre in metres, and pixels per metre. Views that move together share one.
 class Camera {
   constructor() {
     [this.x, this.y, this.scale] = [0, 0, 20];
@@ -45,7 +45,7 @@ class Camera {
   }
 }
 
-// `report` is what all views share: layers, what is hovered and selected, and what to do when these change.
+// `report` is shared by all views: layers, the hovered and selected items, and the reactions to changes of these.
 class View {
   constructor(model, report) {
     this.model = model;
@@ -141,7 +141,7 @@ class View {
     acts[event.key]();
   }
 
-  // What lies under a place of the screen: what is drawn uppermost goes first.
+  // The item under a point of the screen: the topmost layer comes first.
   pick(left, top) {
     const [x, y] = this.camera.toMap(left, top);
     const reach = REACH_PIXELS / this.camera.scale;
@@ -176,7 +176,7 @@ class View {
     this.report.redraw();
   }
 
-  // Glides to a place; as far in as shows `width` metres, and no less close than one looks already.
+  // Moves smoothly to a place, zoomed in so far that `width` metres are visible, and never zooms out.
   goTo(x, y, width) {
     const scale = Math.min(300, Math.max(this.camera.scale, Math.min(this.camera.width, this.camera.height) / width));
     const from = [this.camera.x, this.camera.y, Math.log(this.camera.scale)];
@@ -205,7 +205,7 @@ class View {
     [this.canvas.width, this.canvas.height] = [Math.round(width * devicePixelRatio), Math.round(height * devicePixelRatio)];
     [this.camera.width, this.camera.height] = [width, height];
     if (first) this.camera.fit(this.model.bounds_m);
-    // At once, for a canvas is empty after its size has changed, and printing waits for no frame.
+    // Draws at once: a canvas is empty after its size has changed, and printing does not wait for a frame.
     this.draw();
   }
 
