@@ -1,4 +1,4 @@
-"""Kernels of the particle filter's proposal: arrays in, arrays out. Their plain twins stand in tests/reference."""
+"""Kernels of the particle filter's proposal: arrays in, arrays out. Their plain twins are in tests/reference."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from mapmend.grid._kernels import cell_at
 from mapmend.kernel_cache import kernel
 from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER_SIDE, wrap
 
-# Samples stand so many standard deviations from the mode along each axis of the posterior, on both sides and at it: of
-# all lattices of 27, this one takes the least off the variance of a Gaussian (7 %).
+# Samples are this many standard deviations from the mode along each axis of the posterior, on both sides, and at the
+# mode: of all lattices of 27, this one has the smallest error in the variance of a Gaussian (7 % too low).
 SAMPLE_STD = math.sqrt(3.0)
 SAMPLES = 27
 
 
 @kernel
 def _counterpart(table, frame, cells, x, y, nx, ny, size):
-    """The surface nearest to a point with that normal (map axes): its cell, -1 in seen space, -2 where never seen."""
+    """The surface nearest to a point with this normal (map axes): its cell, -1 in seen space, -2 in space never
+    seen."""
     surface, _, evidence, nearest = cells
     row, column = int(math.floor(y / size)), int(math.floor(x / size))
     cell = cell_at(table, frame, row, column)
@@ -38,7 +39,7 @@ def _counterpart(table, frame, cells, x, y, nx, ny, size):
 def match_scan(table, frame, cells, points, pose, prior, settings, normal):
     """Gauss-Newton of one scan on one particle's map: ``pose`` (3,) is the start, and written. Returns the score.
 
-    ``prior`` = (x, y, theta, standard deviation of the translation m, of the rotation rad): the odometry's word.
+    ``prior`` = (x, y, theta, standard deviation of the translation m, of the rotation rad), from the odometry.
     ``settings`` = (cell size, reach m, half-weight distance m, standard deviation of a distance m, iterations,
     convergence m, first widening). ``normal`` (6,): written, the normal matrix at the end, without the prior. The score
     is the share of the points that end within half the reach of a surface.
@@ -122,7 +123,7 @@ def match_scan(table, frame, cells, points, pose, prior, settings, normal):
 def log_likelihood(table, frame, cells, points, pose, settings):
     """log p(z | m, x) of a scan at a pose, up to a constant: Gaussian in each beam's distance, floored.
 
-    ``settings`` = (cell size, standard deviation of a distance m, distance m beyond which a beam says nothing more).
+    ``settings`` = (cell size, standard deviation of a distance m, distance m beyond which the cost does not grow).
     A beam that ends where the map has seen nothing counts half of the worst.
     """
     surface = cells[0]
@@ -181,8 +182,8 @@ def fit_proposal(table, frame, cells, points, prior, mode, information, result):
     """The Gaussian of Grisetti et al. (2007), eqs. (15) to (19), about the mode of one particle's posterior.
 
     ``prior`` = that of `match_scan`, then the settings of `log_likelihood`. ``information`` (3, 3): of the posterior at
-    ``mode``, from the matcher; the 27 samples are spread by its inverse, so that they lie where the posterior is, as
-    narrow as it may be. ``result`` (13,): written, mean, covariance by rows, log of the evidence eta.
+    ``mode``, from the matcher; the 27 samples are spread by its inverse, so that they cover the posterior, however
+    narrow it is. ``result`` (13,): written, mean, covariance by rows, log of the evidence eta.
     """
     covariance, spread, drawn = np.linalg.inv(information), np.empty((3, 3)), np.empty((SAMPLES, 3))
     logs = np.empty(SAMPLES)
@@ -216,7 +217,7 @@ def fit_proposal(table, frame, cells, points, prior, mode, information, result):
             for k in range(SAMPLES):
                 entry += logs[k] * (drawn[k, i] - mean[i]) * (drawn[k, j] - mean[j])
             result[3 + 3 * i + j] = entry / total
-    # The samples stand for the cells of a lattice: eta is their sum times a cell's volume.
+    # The samples represent the cells of a lattice: eta is their sum times a cell's volume.
     result[12] = best + math.log(total) + math.log(volume) + 3.0 * math.log(SAMPLE_STD)
 
 
@@ -227,7 +228,7 @@ def propose(tables, frame, cells, points, particles, priors, settings, normals):
     ``particles`` (n, 14): x, y, theta (the start of the match; written: the new pose), log of the weight's factor,
     covariance of the proposal by rows, score. ``priors`` (n, 5): as in
     `match_scan`. ``settings`` = (first particle, minimum score, the seven of `match_scan`, standard deviation m and
-    worst distance m of `log_likelihood`). ``normals`` (n, 3): standard normal draws, one row a particle.
+    worst distance m of `log_likelihood`). ``normals`` (n, 3): standard normal draws, one row for each particle.
     """
     first = int(settings[0])
     pose, normal, result = np.empty(3), np.empty(6), np.empty(13)
@@ -241,7 +242,7 @@ def propose(tables, frame, cells, points, particles, priors, settings, normals):
         score = match_scan(table, frame, cells, points, pose, prior, settings[2:9], normal)
         particles[n, 13] = score
         if score < settings[1]:
-            # No match: the motion model draws, and the observation weighs.
+            # No match: the new pose is drawn from the motion model and weighed by the observation.
             for i in range(3):
                 std = prior[3] if i < 2 else prior[4]
                 particles[n, i] = prior[i] + std * normals[n, i]

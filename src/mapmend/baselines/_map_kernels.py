@@ -1,11 +1,11 @@
-"""Kernels of the particles' maps: arrays in, arrays out. Their plain twins stand in tests/reference.
+"""Kernels of the particles' maps: arrays in, arrays out. Their plain twins are in tests/reference.
 
-All particles' maps live in one pool of tiles of TILE x TILE cells, the cells of the surface grid (grid/_kernels.py).
+All particles' maps are in one pool of tiles of TILE x TILE cells, the cells of the surface grid (grid/_kernels.py).
 ``tables[p, row, column]`` names the tile of particle p, or -1; ``frame`` = (unused, first tile row, first tile column).
 Particles share a tile until one of them writes to it: ``references[tile]`` counts them, and ``free`` is a stack of
-tiles that nobody uses, its height in ``free[-1]``. ``cells`` = (surface, returns, evidence, nearest) as in the surface
-grid, but ``nearest`` (uint8) is 0 for none or names the occupied cell by its way from here, in rows and columns: a
-number would go stale when that cell's tile is copied.
+unused tiles, its height in ``free[-1]``. ``cells`` = (surface, returns, evidence, nearest) as in the surface
+grid, but ``nearest`` (uint8) is 0 for none or names the occupied cell by its offset in rows and columns: a cell
+number would be wrong after that cell's tile is copied.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ from mapmend.grid._kernels import (
 from mapmend.kernel_cache import kernel
 
 ACROSS = 2 * REACH + 1
-# Beams are followed in steps of so many cells to find the tiles they touch. A corner cut on the way is not written to.
+# Beams are followed in steps of this many cells to find the tiles that they touch. If a step cuts the corner of a tile,
+# nothing is written there.
 STRIDE_CELLS = 8
 
 
 @kernel
 def _own(tables, p, row, column, pool, cells):
-    """Makes sure that the tile at a place of particle p's table is its own; False where no tile is left."""
+    """Ensures that the tile at a position of particle p's table is its own; False if no tile is left."""
     references, free = pool
     old = tables[p, row, column]
     if old >= 0 and references[old] == 1:
@@ -65,10 +66,10 @@ def _own(tables, p, row, column, pool, cells):
 
 @kernel
 def claim_tiles(tables, frame, pool, cells, points, poses, settings):
-    """Gives every particle the tiles that a scan at its pose will write to; False where the pool is too small.
+    """Gives every particle the tiles that a scan at its pose will write to; False if the pool is too small.
 
-    ``settings`` = (cell size, first beam and stride of those that clear, x and y of the laser on the robot). What was
-    claimed stays so: after a False, enlarge the pool and call again.
+    ``settings`` = (cell size, first beam and stride of those that clear, x and y of the laser on the robot). Claimed
+    tiles stay claimed: after a False, enlarge the pool and call again.
     """
     size, margin = settings[0], settings[0] * (REACH + 1)
     span = size * TILE
@@ -117,7 +118,7 @@ def nearest_surface(table, frame, nearest, cell, row, column):
 
 @kernel
 def _announce(table, frame, references, cells, cell, row, column, size):
-    """A cell became occupied: it is the nearest of those around it whose nearest is farther."""
+    """After a cell became occupied: cells around it whose nearest surface is farther now point to this cell."""
     surface, _, _, nearest = cells
     mx, my = surface[cell, 0], surface[cell, 1]
     for r in range(row - REACH, row + REACH + 1):
@@ -136,7 +137,7 @@ def _announce(table, frame, references, cells, cell, row, column, size):
 
 @kernel
 def _withdraw(table, frame, references, cells, cell, row, column, size):
-    """A cell became free: those around it that pointed at it look for the next nearest."""
+    """After a cell became free: cells around it that pointed to it look for the next nearest surface."""
     surface, returns, _, nearest = cells
     returns[cell] = 0
     for r in range(row - REACH, row + REACH + 1):
@@ -159,9 +160,10 @@ def _withdraw(table, frame, references, cells, cell, row, column, size):
 
 @kernel
 def _pass_through(table, frame, references, evidence, ray, size, freed, count):
-    """One piece of evidence for free in every cell of ``ray`` (x0, y0, x1, y1); ``freed`` takes cells that became so.
+    """Adds one count of free evidence to every cell of ``ray`` (x0, y0, x1, y1); writes newly free cells into
+    ``freed``.
 
-    One cell a step along the longer axis. Returns the number of freed cells; they stay until `_withdraw`.
+    One cell for each step along the longer axis. Returns the number of freed cells; they stay until `_withdraw`.
     """
     first_row, first_column = frame[1] * TILE, frame[2] * TILE
     x, y = ray[0] / size - first_column, ray[1] / size - first_row
@@ -187,7 +189,7 @@ def _pass_through(table, frame, references, evidence, ray, size, freed, count):
                         freed[count, 0], freed[count, 1], freed[count, 2] = cell, row + first_row, column + first_column
                         count += 1
                     else:
-                        evidence[cell] = 1  # no room to note it: the next beam through it frees it
+                        evidence[cell] = 1  # ``freed`` is full: the next beam through this cell frees it
         x += step_x
         y += step_y
     return count
@@ -195,7 +197,8 @@ def _pass_through(table, frame, references, evidence, ray, size, freed, count):
 
 @kernel
 def insert_scan(table, frame, references, cells, points, pose, settings):
-    """One scan's points (n, 5), robot frame, into one particle's map at ``pose``; its tiles were claimed before.
+    """Inserts one scan's points (n, 5), robot frame, into one particle's map at ``pose``; its tiles were claimed
+    before.
 
     ``settings`` as in `claim_tiles`. The rules are those of the surface grid (`insert_points` in grid/_kernels.py).
     """

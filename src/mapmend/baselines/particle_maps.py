@@ -12,11 +12,11 @@ from mapmend.grid._kernels import REACH, TILE, TILE_CELLS
 Float = NDArray[np.float64]
 
 FIRST_TILES = 256
-# Every so many beams clears: at a metre or half a radian from one scan to the next, all are needed.
+# Every n-th beam clears: with a metre or half a radian between scans, all are needed.
 CLEARING_STRIDE = 1
 
 MOST_ENTRIES = 1 << 26
-"""Of all particles' tables: 256 MB, 2 km x 2 km for 30 particles and cells of 5 cm."""
+"""The limit of all particles' tables: 256 MB, 2 km x 2 km for 30 particles and cells of 5 cm."""
 
 Cells = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.int8], NDArray[np.uint8]]
 
@@ -24,8 +24,8 @@ Cells = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.int8], NDArray[
 class ParticleMaps:
     """``tables`` (particles, rows, columns) names every particle's tiles in the pool; see baselines/_map_kernels.py.
 
-    Resampling copies tables only. A particle's tiles are copied when a scan is about to change them and another
-    particle still reads them, so that memory follows what the particles' maps differ in.
+    Resampling copies only tables. A particle's tiles are copied when a scan is about to change them and another
+    particle still uses them, so that memory follows the differences between the particles' maps.
     """
 
     def __init__(self, particles: int, cell_size_m: float) -> None:
@@ -44,7 +44,7 @@ class ParticleMaps:
     def claim(self, points: Float, laser: Float, poses: Float) -> Float:
         """Makes all tiles private that a scan at each particle's pose (n, 3) will change; returns `insert`'s settings.
 
-        One thread: it hands out tiles, and so decides which number each gets.
+        It runs in one thread, because the order in which tiles are handed out decides their numbers.
         """
         settings = np.array([self.cell_size_m, 0.0, CLEARING_STRIDE, laser[0], laser[1]])
         farthest = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) + float(np.hypot(laser[0], laser[1]))
@@ -56,24 +56,24 @@ class ParticleMaps:
         return settings
 
     def insert(self, p: int, points: Float, pose: Float, settings: Float) -> None:
-        """Adds a scan to particle p's map, into tiles that `claim` made its own: threads don't meet here."""
+        """Adds a scan to particle p's map, into tiles that `claim` made its own, so that threads do not conflict."""
         _map_kernels.insert_scan(self.tables[p], self.frame, self._references, self.cells, points, pose, settings)
 
     def resample(self, parents: NDArray[np.int64]) -> None:
-        """Particle p goes on with the map of particle ``parents[p]``."""
+        """Particle p continues with the map of particle ``parents[p]``."""
         self.tables = self.tables[parents]
         used = self.tables[self.tables >= 0]
         self._references[:] = np.bincount(used, minlength=len(self._references))
         self._note_free()
 
     def _note_free(self) -> None:
-        """The stack of tiles that nobody uses, the lowest number on top."""
+        """The stack of unused tiles, the lowest number on top."""
         unused = np.flatnonzero(self._references == 0)[::-1]
         self._free[: len(unused)] = unused
         self._free[-1] = len(unused)
 
     def _enlarge(self) -> None:
-        """Half again as many tiles."""
+        """Enlarges the pool by a half."""
         old, tiles = self.cells, len(self._references)
         more = tiles + tiles // 2
         self.cells = _new_cells(more)
@@ -87,7 +87,7 @@ class ParticleMaps:
         self._note_free()
 
     def _make_room(self, low: Float, high: Float) -> None:
-        """Grows the tables over a box (metres), half again as much on the side that was too small."""
+        """Grows the tables over a box (metres), with a half more on the side that was too small."""
         span, margin = self.cell_size_m * TILE, self.cell_size_m * (REACH + 1)
         first = np.floor((low[::-1] - margin) / span).astype(np.int64)
         last = np.floor((high[::-1] + margin) / span).astype(np.int64)
@@ -111,7 +111,7 @@ class ParticleMaps:
 
 
 def _new_cells(tiles: int) -> Cells:
-    """Untouched memory: what no tile uses yet costs none."""
+    """Memory that is not touched: tiles that are not used yet take none."""
     cells = tiles * TILE_CELLS
     return (
         np.zeros((cells, 5), dtype=np.float32),

@@ -1,4 +1,4 @@
-"""Kernels of iterative graph optimization: arrays in, arrays out. Their plain twins stand in tests/reference."""
+"""Kernels of iterative graph optimization: arrays in, arrays out. Their plain twins are in tests/reference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER
 def _fit_of(table, frame, arrays, point, pose, settings):
     """How well a point fits at a pose: 1 on a surface, falling to 0 at the reach (Tukey's biweight).
 
-    By the distance along the surface's normal, where it has one: along a bare wall the point may lie anywhere.
+    The distance is that along the surface's normal, if it has one: along a bare wall the point may be anywhere.
     """
     surface, _, _, nearest = arrays
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -40,7 +40,7 @@ def _fit_of(table, frame, arrays, point, pose, settings):
 
 @kernel
 def compare_fits(table, frame, arrays, points, first, second, settings, result):
-    """By how much better points (n, 5) fit a grid at the ``first`` pose (3,) than at the ``second``, in the mean.
+    """The mean gain in fit of points (n, 5) on a grid at the ``first`` pose (3,) over the ``second``.
 
     ``settings`` = (cell size, reach m). ``result``: written: the mean of the points' differences, its standard
     deviation by their scatter, and the mean fit at the first pose; zeros for no points.
@@ -61,11 +61,11 @@ def compare_fits(table, frame, arrays, points, first, second, settings, result):
 
 @kernel
 def shared_normals(table, frame, arrays, points, pose, axis, settings, result):
-    """How far scan and grid agree on surfaces that hold a pose along an axis, of whose noise they share nothing.
+    """How much information scan and grid both have along an axis; the noise of their normals is independent.
 
-    The sum over matched points of ``w (s . a)(g . a)``: s is the point's own normal, g that of the surface it lies on,
-    a the ``axis`` (2,) in the grid's frame, w the weight of the point in matching. Noise of the normals has no part in
-    its mean, as it has in that of ``(g . a)^2``. ``settings`` = (cell size, reach of a match m, distance m at which a
+    The sum over matched points of ``w (s . a)(g . a)``: s is the point's own normal, g that of its surface, a the
+    ``axis`` (2,) in the grid's frame, w the weight of the point in matching. Its mean does not contain the noise of the
+    normals, while that of ``(g . a)^2`` does. ``settings`` = (cell size, reach of a match m, distance m at which a
     point counts half). ``result``: written: the sum, and the sum of the squares of its terms.
     """
     surface, _, _, nearest = arrays
