@@ -12,6 +12,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mapmend.version import VERSION
+
 if TYPE_CHECKING:
     from mapmend.config import Config as Config
     from mapmend.consistency.check import CheckResult as CheckResult
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from mapmend.tuning.tune import TuneResult as TuneResult
     from mapmend.tuning.tune import tune as tune
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _HOMES = {
     "CheckResult": "mapmend.consistency.check",

@@ -15,9 +15,9 @@ from importlib import import_module
 from types import ModuleType
 from typing import NoReturn
 
-from mapmend import __version__
 from mapmend.commands import SUMMARIES
 from mapmend.errors import MapmendError
+from mapmend.version import VERSION
 
 COULD_NOT, INTERRUPTED = 2, 130
 TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def parser(command: str | None = None) -> argparse.ArgumentParser:
     """The parser of the command line: all commands by name, and the arguments of the one that is named."""
     top = _Parser(prog="mapmend", description="2D laser SLAM that mends its own graph.", allow_abbrev=False)
-    top.add_argument("--version", action="version", version=f"mapmend {__version__}")
+    top.add_argument("--version", action="version", version=f"mapmend {VERSION}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for name, summary in SUMMARIES.items():
         description = f"{summary[0].upper()}{summary[1:]}."

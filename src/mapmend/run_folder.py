@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mapmend import __version__
 from mapmend.config import to_dict
 from mapmend.io.g2o import write_g2o
 from mapmend.io.nav2 import write_map
@@ -17,6 +16,7 @@ from mapmend.io.output import RUN_FILE, whole_or_nothing, write_whole
 from mapmend.io.tum import write_tum
 from mapmend.slam import MapResult, stage
 from mapmend.trajectory import path_length_m
+from mapmend.version import VERSION
 
 if TYPE_CHECKING:
     from mapmend.tuning.tune import TuneResult
@@ -49,7 +49,7 @@ def run_json(result: MapResult, source: str = "") -> dict[str, Any]:
     rows, columns = result.occupancy.image.shape
     mended = {} if result.mended is None else {"mended": result.mended.to_json()}
     return {
-        "mapmend": __version__,
+        "mapmend": VERSION,
         "method": result.method,
         "seed": result.config.seed,
         "log": Path(source).name,

@@ -10,7 +10,6 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from mapmend import __version__
 from mapmend.commands.common.console import ProgressBar, print_json, say, table
 from mapmend.commands.common.options import (
     BAG_ARGUMENTS,
@@ -25,6 +24,7 @@ from mapmend.commands.common.options import (
 from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
 from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
+from mapmend.version import VERSION
 
 COMPARED = ("odometry", "scanmatch", "gmapping", "go", "igo")
 PICTURE = "compare.png"
@@ -63,7 +63,7 @@ def run(args: Namespace) -> int:
         for note in next(row["notes"] for row in rows if "notes" in row):
             say(f"note: {note}")
         values = {
-            "mapmend": __version__,
+            "mapmend": VERSION,
             "log": Path(args.log).name,
             "relations": Path(args.relations).name if args.relations else None,
             "seed": request["config"]["seed"],

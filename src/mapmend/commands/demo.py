@@ -7,11 +7,11 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mapmend import __version__
 from mapmend.commands.common.console import ProgressBar, print_json, table, told_compiling
 from mapmend.commands.common.options import add_threads, thread_count, whole_number
 from mapmend.commands.common.simulated import write_simulation
 from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
+from mapmend.version import VERSION
 
 if TYPE_CHECKING:
     from mapmend.evaluation.trajectory import TrajectoryErrors
@@ -57,7 +57,7 @@ def run(args: Namespace) -> int:
             rows.append(_row(method, errors, run_json))
             panels.append(_panel(method, errors, result))
         draw_comparison(simulation.world.walls, simulation.truth, panels, place / PICTURE)
-        values = {"mapmend": __version__, "world": simulation.world.name, "seed": args.seed, "methods": rows}
+        values = {"mapmend": VERSION, "world": simulation.world.name, "seed": args.seed, "methods": rows}
         _write_run_file(values, place)
     if args.json:
         print_json({**values, "compile_seconds": round(compiling.seconds, 3), "output": args.output})

@@ -7,12 +7,12 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import Any
 
-from mapmend import __version__
 from mapmend.commands.common.console import print_json
 from mapmend.commands.common.options import positive_number, whole_number
 from mapmend.commands.common.simulated import write_simulation
 from mapmend.errors import MapmendError
 from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
+from mapmend.version import VERSION
 
 WORLDS = ("corridor", "office", "random")
 
@@ -53,7 +53,7 @@ def run(args: Namespace) -> int:
     odometry = OdometryModel(random_slip_count=args.slips)
     simulation = first_scans(simulate(world_named(args.world, args.seed), laser, odometry, args.seed), args.scans)
     values: dict[str, Any] = {
-        "mapmend": __version__,
+        "mapmend": VERSION,
         "world": simulation.world.name,
         "seed": args.seed,
         "scans": len(simulation.log),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from html import escape
 from importlib.resources import files
 
-from mapmend import __version__
 from mapmend.report.embedding import safe_json, source_hash
 from mapmend.report.run_data import Run, run_values
+from mapmend.version import VERSION
 
 SCRIPTS = ("numbers.js", "model.js", "layers.js", "view.js", "panels.js", "facts.js", "results.js", "main.js")
 """In the order of their dependencies; they share one scope, as one script."""
@@ -22,7 +22,7 @@ def report_page(runs: list[Run]) -> str:
     script = '"use strict";\n{\n' + "\n".join(_source(name) for name in SCRIPTS) + "}\n"
     values = {
         "title": escape("mapmend: " + " beside ".join(run.name for run in runs)),
-        "version": escape(__version__),
+        "version": escape(VERSION),
         "style": style,
         "script": script,
         "style_hash": source_hash(style),
