@@ -60,7 +60,7 @@ commands, loaded when they are used."""
 
 
 class Import(NamedTuple):
-    """``by`` imports ``what``, both modules; ``at_once``: when ``by`` is imported, not later and not for types alone."""
+    """``by`` imports ``what``, both modules; ``at_once``: as soon as ``by`` is imported, and not for types alone."""
 
     by: str
     what: str
