@@ -10,12 +10,13 @@ import pytest
 
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
-from mapmend.graph.best_start import INITS, looks_poor, optimize_from
+from mapmend.graph.best_start import INITS, TRIAL_STEPS, looks_poor, optimize_from
 from mapmend.graph.optimizer import OptimizerSettings, edge_chi2, optimize
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import kernel_of
-from mapmend.graph.starts import starting_poses
 from mapmend.io.g2o import read_g2o, write_g2o
+from mapmend.lab.false_loops import add_false_loops
+from mapmend.lab.graph_noise import with_angle_noise
 from tests.graph.graphs import grid_graph, perturbed, random_graph, read_public_graph
 
 
@@ -28,14 +29,6 @@ def wound_ring(nodes: int = 40) -> PoseGraph:
     for k in range(1, nodes):
         poses[k] = se2.compose(poses[k - 1], [1.0, 0.0, 4.0 * np.pi / nodes])
     return PoseGraph(poses, np.arange(nodes), edges, measurements, information, np.arange(nodes) == nodes - 1)
-
-
-def noisy(graph: PoseGraph, seed: int, turn_rad: float, start: str = "odometry") -> PoseGraph:
-    """The graph with that much noise added to the measured angles, its poses along the odometry or a tree."""
-    measurements = graph.measurements.copy()
-    measurements[:, 2] += np.random.default_rng(seed).normal(0.0, turn_rad, len(measurements))
-    graph = replace(graph, measurements=measurements)
-    return graph.with_poses(starting_poses(graph, start))
 
 
 def test_a_good_end_is_not_tried_again():
@@ -125,7 +118,7 @@ def test_a_start_that_is_asked_for_is_the_only_one(init):
 def test_a_grid_with_noise_ends_as_low_as_the_chordal_start(seed):
     truth = grid_graph(20)
     stated = np.tile(np.diag([400.0, 400.0, 100.0]), (len(truth.edges), 1, 1))
-    graph = noisy(replace(truth, information=stated), seed, 0.1, "tree")
+    graph = with_angle_noise(replace(truth, information=stated), 0.1, seed, "tree")
     chordal = optimize_from(graph, "chordal").result.chi2_final
     assert optimize_from(graph).result.chi2_final <= chordal * (1.0 + 1e-6)
 
@@ -138,10 +131,28 @@ def test_m3500a_ends_in_its_best_known_optimum():
 
 
 def test_m3500_with_more_noise_ends_lower_than_from_its_odometry():
-    graph = noisy(read_public_graph("M3500"), 1, 0.1)
+    graph = with_angle_noise(read_public_graph("M3500"), 0.1, 1)
     found = optimize_from(graph)
     assert found.taken == "chordal"
     assert found.result.chi2_final < 0.1 * found.ends[0].chi2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_covariances_stated_too_wide_hide_no_poor_end(seed):
+    """Ten times the standard deviations: chi2 lies far below its degrees of freedom even at a wrong optimum."""
+    graph = with_angle_noise(read_public_graph("M3500"), 0.2, seed)
+    graph = replace(graph, information=0.01 * graph.information)
+    found = optimize_from(graph)
+    assert found.ends[0].chi2 < 3 * (len(graph.edges) - len(graph) + 1)
+    assert found.taken == "chordal"
+
+
+def test_a_second_start_without_promise_is_given_up():
+    graph = add_false_loops(read_public_graph("M3500"), "random", 100, seed=0).graph
+    found = optimize_from(graph, kernel=kernel_of("dcs"))
+    assert found.taken == "given"
+    assert found.ends[1].given_up
+    assert found.ends[1].iterations == TRIAL_STEPS
 
 
 def test_the_command_takes_the_better_start_and_says_so(mapmend, tmp_path):

@@ -169,7 +169,9 @@ def _start_lines(values: dict[str, Any]) -> list[str]:
         return [] if values["init"] == "given" else [f"  start: {values['init']}, chi2 {values['chi2_start']:.3f}"]
     has_kernel = values["phi"] is not None
     reached = [
-        f"from {end['start']} chi2 {end['chi2']:.3f}" + (f", cost {end['cost']:.3f}" if has_kernel else "")
+        f"from {end['start']} chi2 {end['chi2']:.3f}"
+        + (f", cost {end['cost']:.3f}" if has_kernel else "")
+        + (f", given up after {end['iterations']} steps" if end["given_up"] else "")
         for end in ends
     ]
     return [f"  start: {values['init']}, the better of {len(ends)}: {'; '.join(reached)}"]

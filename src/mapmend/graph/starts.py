@@ -6,12 +6,14 @@ follow from them by a linear system. The chordal start takes the rotations from 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mapmend.errors import MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.checks import check_numbers
-from mapmend.graph.pose_graph import Float, PoseGraph
+from mapmend.graph.pose_graph import Float, Int, PoseGraph
 from mapmend.graph.spanning_tree import best_first, poses_along_tree
 from mapmend.graph.system import System
 
@@ -126,22 +128,28 @@ def _least_squares(system: System, known: Float, on_ends: Float, between: Float,
     values = np.zeros((count + blocks, 3, 3))
     values[:count, 2, 2] = 1.0
     corner = values[:, :2, :2]
-    np.add.at(corner, place_i[free_i], on_ends[free_i])
-    np.add.at(corner, place_j[free_j], on_ends[free_j])
+    rows = np.concatenate((place_i[free_i], place_j[free_j]))
+    corner[:count] = _sums(rows, np.concatenate((on_ends[free_i], on_ends[free_j])), count)
     # A block is stored by columns; its row is the end that is eliminated later.
     later_j = (place_j > place_i)[both, None, None]
     stored = np.where(later_j, np.swapaxes(between[both], 1, 2), between[both])
-    np.subtract.at(corner, count + system.elimination.block_of_edge[both], stored)
+    corner[count:] = -_sums(system.elimination.block_of_edge[both], stored, blocks)
 
     right_side = np.zeros((len(known), 3))
     ahead, back = pull.copy(), -pull
     ahead[~free_i] += np.einsum("mab,mb->ma", between[~free_i], known[i[~free_i]])
     back[~free_j] += np.einsum("mba,mb->ma", between[~free_j], known[j[~free_j]])
-    np.add.at(right_side[:, :2], j, ahead)
-    np.add.at(right_side[:, :2], i, back)
+    right_side[:, :2] = _sums(np.concatenate((j, i)), np.concatenate((ahead, back)), len(known))
     found = known.copy()
     found[system.nodes] = system.solve(values.ravel(), right_side[system.nodes].ravel()).reshape(-1, 3)[:, :2]
     return found
+
+
+def _sums(rows: Int, values: Float, count: int) -> Float:
+    """The sum of the values (k, ...) of each row, shape (count, ...); ``rows``: shape (k,), below ``count``."""
+    columns = values.reshape(len(values), math.prod(values.shape[1:])).T
+    sums: Float = np.array([np.bincount(rows, weights=column, minlength=count) for column in columns], np.float64)
+    return sums.T.reshape(count, *values.shape[1:])
 
 
 def _rotations(angles: Float) -> Float:
