@@ -1,4 +1,4 @@
-"""MC (1) and (2) as they stand, O(K^2), compiled: what the library's measure is timed against."""
+"""MC (1) and (2) as printed, O(K^2), compiled: the library's measure is timed against this."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What the benchmarks share: the data folder, child processes with their time and memory, Markdown tables.
+"""Shared code of the benchmarks: the data folder, child processes with their time and memory, Markdown tables.
 
-Nothing here imports mapmend or NumPy: on Linux a child's peak memory is never less than its parent's was when it
-started, so whoever measures children must itself stay small.
+Nothing here imports mapmend or NumPy: on Linux a child's peak memory is never less than its parent's was when the child
+started, so a process that measures children must itself stay small.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def data_parser(description: str | None) -> argparse.ArgumentParser:
 
 
 def log_path(data: str | None, name: str) -> Path:
-    """The log of that name in the data folder; ends the program where there is none."""
+    """The log with this name in the data folder; ends the program if there is none."""
     path = Path(data or "") / "logs" / f"{name}.clf.bz2"
     if not data or not path.is_file():
         stop(f"no {path}; name the folder with the recordings, or set MAPMEND_DATA")
@@ -67,7 +67,7 @@ def stop(what: str) -> NoReturn:
 
 
 def run(command: Sequence[str], **environment: str) -> Run:
-    """Runs a child to its end; ends the program with what it said where it fails."""
+    """Runs a child to its end; if it fails, ends the program with the child's message."""
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as printed:
         began = time.perf_counter()
         child = subprocess.Popen(list(command), stdout=printed, stderr=said, env={**os.environ, **environment})

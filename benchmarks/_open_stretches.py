@@ -1,4 +1,4 @@
-"""What is left to win on a drive through the corridor without wheels: `corridor.py`'s ``known ends``."""
+"""What can still be gained on a drive through the corridor without wheels: `corridor.py`'s ``known ends``."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from mapmend.simulation.robot import HALF_CIRCLE_LASER
 Float = NDArray[np.float64]
 
 STEP_M = 0.01
-"""How far along its heading a robot is moved to see what its ranges say of that."""
+"""How far a robot is moved along its heading to see how its ranges change."""
 
 LEAST_STD_M = 0.009
-"""A scan that fixes the way along the corridor no better leaves it open; elsewhere it is fixed to 1 mm to 4 mm."""
+"""A scan leaves the motion along the corridor open if it fixes it no better than this; others fix it to 1 mm to 4
+mm."""
 
 JUMP = 3.0
-"""A range that changes by so many times the step has met another wall, and says nothing."""
+"""A range that changes by this many times the step has met another wall, and is not used."""
 
 SHORTEST_GAP = 8
-"""Scans between two open stretches that are too few to make them two."""
+"""Two open stretches with at most this many scans between them are one."""
 
 BEFORE, SKIPPED, AFTER = 20, 30, 30
 """Scans whose speed counts: so many before an open stretch, and so many after it, some skipped.
@@ -32,7 +33,7 @@ Right after it, laser odometry measures its own smear of the wall that has just 
 
 
 def open_stretches(simulation: Simulation, range_std_m: float = 0.01) -> list[tuple[int, int]]:
-    """Rows of scans, from and to, that tell nothing of the way along the robot's heading, by rays without noise."""
+    """Rows of scans, from and to, that do not observe the motion along the robot's heading, by rays without noise."""
     truth, laser = simulation.truth, HALF_CIRCLE_LASER
     moved = se2.compose(truth, (STEP_M, 0.0, 0.0))
     here, there = (

@@ -1,4 +1,4 @@
-"""Both papers' claims, each held against a run of papers.py: reproduced, surpassed, or not reached and by how much."""
+"""Both papers' claims, each compared with a run of papers.py: reproduced, surpassed, or not reached and by how much."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from _papers_results import Results, in_order, median
 REPRODUCED, SURPASSED, NOT_REACHED, UNKNOWN = "reproduced", "surpassed", "not reached", "not measured"
 IN_PICTURES = "pictures, no number"
 PAPER_SECONDS = {"intel": (1311, 133.7, 13.4), "fr079": (833, 118.4, 29.5), "killian": (5489, 56.0, 42.0)}
-"""MC Table I: N, R and seconds of the logs that we have too, at other numbers of scans."""
+"""MC Table I: N, R and seconds of the logs that we have too, with other numbers of scans."""
 
 SPECIFICITIES = (1.0, 0.95, 0.9, 0.8, 0.5)
 FEWEST_SEEDS = 10

@@ -1,4 +1,4 @@
-"""docs/results.md: what each paper claims, what came of it here, tables and pictures of a run of papers.py."""
+"""docs/results.md: the claims of each paper, our results for them, tables and pictures of a run of papers.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run of papers.py left: lines of JSON, tables, and what `mapmend` answered."""
+"""The results of a run of papers.py: lines of JSON, tables, and the answers of `mapmend`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Results:
-    """Reads the folder of a run; what is not there comes back empty."""
+    """Reads the folder of a run; missing results are returned empty."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

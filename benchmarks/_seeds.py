@@ -1,4 +1,5 @@
-"""What benchmarks over many seeds share: results as lines of JSON that a later run goes on from, and their spread."""
+"""Shared code of benchmarks over many seeds: results as lines of JSON, from which a later run continues, and
+spreads."""
 
 from __future__ import annotations
 
@@ -54,7 +55,7 @@ class Results(Generic[Row]):
         self._known = {key(one) for one in self.rows}
 
     def measure(self, keys: Iterable[tuple[Any, ...]], measured: Callable[..., Row]) -> None:
-        """Measures what is not there yet, ``measured(*key)`` each, and notes it at once."""
+        """Measures what is missing, each by ``measured(*key)``, and stores it at once."""
         for key in keys:
             if key not in self._known:
                 one = measured(*key)

@@ -1,6 +1,6 @@
 """The figures of `slip.py`, after the IGO paper's 5 and 6: the seed at which go's error is the median.
 
-What stands for the truth is the map that go makes of the log without slips.
+Go's map of the log without slips is used as the truth.
 """
 
 from __future__ import annotations

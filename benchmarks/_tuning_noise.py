@@ -1,8 +1,8 @@
 """How much of a difference between two maps' M is noise: a jackknife over stretches of the trajectory.
 
-A map's pairs are not independent: one badly laid scan contradicts many. So a stretch of the trajectory is left out at a
-time, with all pairs that touch it, and how the ratio of the two M scatters says how far another drive through the same
-rooms might have led to another one.
+A map's pairs are not independent: one badly placed scan contradicts many others. So one stretch of the trajectory at a
+time is left out, with all pairs that touch it. The scatter of the ratio of the two M shows how different it might have
+been with another drive through the same rooms.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mapmend.tuning.pair_sample import NO_DROP, PairSample
 Float = NDArray[np.float64]
 
 STRIDE = 8
-"""Every so manieth pair: the sample's own error is a tenth of the jackknife's."""
+"""Every n-th pair: the sample's own error is a tenth of the jackknife's."""
 
 STRETCHES = 30
 

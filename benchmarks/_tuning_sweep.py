@@ -1,11 +1,11 @@
 """The least M(phi) of a dense sweep, over all pairs of scans, without measuring every value over all of them.
 
-All values are solved. They are measured in a small sample of the pairs, the same pairs for all, those that are left in
-one four times larger, and so on; the last ones over all pairs. A value goes when the sample shows that it can't lie
-more than MARGIN below the best one: its difference from the best, pair by pair, less SURE standard errors, is above
--MARGIN of M. So the least M that comes out is at most MARGIN above the least of all. The standard error is that of a
-simple random sample of the pairs' differences; what is drawn is every so manieth partner of each scan, from another one
-on for each scan, which is at least as even, for neighbouring scans see nearly the same.
+All values are solved. They are measured in a small sample of the pairs, the same pairs for all; the remaining values in
+a sample four times larger, and so on; the last ones over all pairs. A value is removed when the sample shows that it
+cannot be more than MARGIN below the best one: its difference from the best, pair by pair, minus SURE standard errors,
+is above -MARGIN of M. So the least M found is at most MARGIN above the true minimum. The standard error is that of a
+simple random sample of the pairs' differences. The sample is every n-th partner of each scan, with another first
+partner for each scan. This is at least as even as a random sample, because neighbouring scans see nearly the same.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ Float = NDArray[np.float64]
 VALUES = 400
 MARGIN, SURE = 0.002, 4.0
 FIRST_STRIDE, NARROWING, FEW = 128, 4, 2
-"""The first sample, how much larger each next one is, and how many values that are left go over all pairs at once."""
+"""The first sample, the factor to each next one, and the number of remaining values that are measured over all
+pairs."""
 
 WHOLE_WITHIN = 0.001
 """With ``whole`` a pair is not measured again whose motion can't have changed M by more than this, all together."""

@@ -1,6 +1,6 @@
-"""How right the maps of the two public recordings with true relations are, by each method, defaults only.
+"""How accurate the maps of the two public recordings with true relations are, by each method, with defaults.
 
-With --turns N, `igo` maps each log N times with the robot's first pose turned by another angle against the grid: the
+With --turns N, `igo` maps each log N times, each with another angle of the robot's first pose against the grid: the
 grid's directions must not matter.
 """
 

@@ -1,20 +1,20 @@
 """The back end beside GTSAM 4.3 and g2o: seconds to solve public graphs and generated grid worlds, in one run.
 
-Ours on one thread a core (``--threads``), which only the grid worlds are large enough for; GTSAM and g2o as their
-wheels were built. All take the same number of Gauss-Newton steps from the same poses, namely as many as mapmend needs
-by its own rule, ten at most. "solve" is all from the first linearization to the last update, ordering included. "call"
-is mapmend's whole `optimize`, with its checks of the graph, which the others do not make. "whole" is from a file to
-poses in memory, by each library's own reader; g2o-python has none, and its "whole" begins with numbers in memory.
-"again" is mapmend's second solve of a graph with other weights, over the first. The first is all of `optimize` from
-the given poses: checks, order, symbolic analysis, and steps until it converges by its defaults. The second is all of
+Ours runs with one thread for each core (``--threads``), which only the grid worlds are large enough for; GTSAM and g2o
+run as their wheels were built. All take the same number of Gauss-Newton steps from the same poses: as many as mapmend
+needs by its own rule, at most ten. "solve" is all from the first linearization to the last update, with the ordering.
+"call" is mapmend's whole `optimize`, with its checks of the graph, which the others do not make. "whole" is from a file
+to poses in memory, by each library's own reader; g2o-python has none, and its "whole" begins with numbers in memory.
+"again" is mapmend's second solve of a graph with other weights, over the first. The first is all of `optimize` from the
+given poses: checks, order, symbolic analysis, and steps until it converges by its defaults. The second is all of
 `optimize` with the first's system from the first's optimum, loops weighed at random between a half and one, until it
 converges. "marginals" are those of all nodes.
 
-A second table says what the time is made of: the analysis, once, and a step's linearization, factorization and
-solution; beside them the floors: multiply-adds of the factorization over the most that one core was seen to do here
-(``--peak``), and the bytes of H and L, each passed over once, over the memory's speed (``--memory``).
+A second table has the parts of the time: the analysis, once, and a step's linearization, factorization and solution;
+beside them the lower bounds: the multiply-adds of the factorization over the greatest rate of one core measured here
+(``--peak``), and the bytes of H and L, each read once, over the memory's speed (``--memory``).
 
-g2o-python 0.0.12 has a wheel for CPython 3.11 only and needs NumPy 1, so it lives in an environment of its own:
+g2o-python 0.0.12 has a wheel for CPython 3.11 only and needs NumPy 1, so it needs an environment of its own:
 
     python3.11 -m venv g2o-env
     g2o-env/bin/pip install g2o-python==0.0.12 'numpy<2'

@@ -1,8 +1,8 @@
-"""How right are maps of simulated buildings that no setting was chosen on, and how bad is the worst of them?
+"""How accurate are maps of simulated buildings on which no setting was chosen, and how bad is the worst of them?
 
-Each building is driven three times: with the wheels as they are, with wheels that turn 0.02 rad too far a metre and
-count 3 % too much, and among people who stand in three beams of ten, anew in every scan. Every run is appended to
---results as a line of JSON, and what is there is not run again.
+Each building is driven three times: with the wheels as they are, with wheels that turn 0.02 rad too far per metre and
+count 3 % too much, and among people who are in three beams of ten, drawn again in every scan. Every run is appended to
+--results as a line of JSON, and runs that are there are not repeated.
 """
 
 from __future__ import annotations

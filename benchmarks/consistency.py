@@ -1,4 +1,4 @@
-"""The consistency check: its speed, its levels, its power, and where it points. One table each:
+"""The consistency check: its speed, its levels, its power, and the places that it marks. One table each:
 
 --what speed    the whole Psi of the scan graphs (MC Table I), beside the compiled O(K^2) of the definition
 --what growth   seconds and memory from 500 scans on, in rows of simulated buildings

@@ -1,11 +1,12 @@
 """Experiment II of the IGO paper: a loop of featureless corridors, 17 m x 22 m, mapped from the laser alone.
 
 The absolute trajectory error of each method over seeds of the simulation, aligned as ``mapmend eval --reference`` does.
-``known ends`` is no method but shows what is left to win: the truth wherever a scan tells the way along the corridor,
-and where none does, the speed that laser odometry measured just before and a little after, changing evenly.
+``known ends`` is not a method but shows what can still be gained: the truth wherever a scan observes the motion along
+the corridor, and elsewhere the speed that laser odometry measured just before and a little after, changing evenly.
 
 Four drives: from the laser alone at an even speed; the same at a speed that wanders by a twentieth; with wheels; with
-wheels that slip four times. Every run is appended to --results as a line of JSON, and what is there is not run again.
+wheels that slip four times. Every run is appended to --results as a line of JSON, and runs that are there are not
+repeated.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ SLIPPING = OdometryModel(random_slip_count=4)
 
 @dataclass(frozen=True)
 class Drive:
-    """How the corridor is driven, and whether the wheels are listened to."""
+    """How the corridor is driven, and whether the odometry is used."""
 
     odometry: OdometryModel
     speed_std_share: float
@@ -133,7 +134,7 @@ def legs_too_long_m(simulation: Simulation, poses: Float) -> tuple[float, ...]:
 
 
 def tables(rows: Sequence[Measured]) -> str:
-    """The spread of each method on each drive, and what its worst seed did."""
+    """The spread of each method on each drive, and the errors of its worst seed."""
     parts, notes = [], []
     for drive in DRIVES:
         for method in (*METHODS, KNOWN_ENDS):

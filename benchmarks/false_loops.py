@@ -1,4 +1,4 @@
-"""How much do false loop edges that were added before the iteration harm `igo`? By count and seed, on a recording.
+"""How much do false loop edges harm `igo` if they are added before the iteration? By count and seed, on a recording.
 
 The front end maps the log once. Then, for every count and seed, false loops (`lab/false_loops.py`, between nodes
 drawn at random, with the information of true ones) are put into its graph, and the iteration starts.

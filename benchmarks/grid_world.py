@@ -1,11 +1,11 @@
-"""A seeded world of streets: as large a pose graph as one likes, in the manner of Manhattan and City 10000.
+"""A seeded world of streets: a pose graph of any size, in the manner of Manhattan and City 10000.
 
     python benchmarks/grid_world.py NODES EDGES OUT.g2o [--seed N]
 
 A robot drives block after block through a square town, turning at some crossings, and turns back at the town's edge.
 Besides its odometry it measures nodes of earlier passes that are at most a crossing away, chosen at random among all
-such pairs. The poses given are those of the truth, each off by some decimetres and degrees: a start whose valley is
-the optimum's, so that what is timed is the solver and not the luck of the descent.
+such pairs. The poses given are those of the truth, each with an error of some decimetres and degrees: a start in the
+valley of the optimum, so that the benchmark times the solver and not the luck of the descent.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Does a map depend on the laser? Simulated buildings seen by lasers of seven kinds, with wheels good, bad and none.
+"""Does the accuracy depend on the laser? Simulated buildings, lasers of seven kinds, with good wheels, bad ones and
+none.
 
-The lasers are models: beams, field of view, range, noise and rate as makers and users tell of them. Bad wheels turn
-0.02 rad too far a metre, count 3 % too much, are more than twice as noisy, and slip three times. Each cell is the
+The lasers are models: beams, field of view, range, noise and rate as published by makers and users. Bad wheels turn
+0.02 rad too far per metre, count 3 % too much, are more than twice as noisy, and slip three times. Each cell is the
 absolute trajectory error with defaults, median and worst over the buildings.
 """
 

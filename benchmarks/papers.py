@@ -1,10 +1,10 @@
 """All tables and figures of both papers that our data allow, in one go, and docs/results.md from them.
 
-Runs the benchmarks beside it and ``mapmend`` itself, each as a process; what came of each step stays in --output, and a
-run that was ended goes on where it stopped. Two steps of one core run side by side, those that are timed run alone.
+Runs the other benchmarks and ``mapmend`` itself, each as a process. The results of each step are kept in --output, and
+an interrupted run continues where it stopped. Two steps of one core run side by side; steps that are timed run alone.
 
     python benchmarks/papers.py                 # all steps, then docs/results.md; at most 40 minutes on 2 cores
-    python benchmarks/papers.py --only-page     # the page from what was measured before
+    python benchmarks/papers.py --only-page     # only the page, from earlier results
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def check(name: str, graph: str, place: str, after: tuple[str, ...] = ()) -> Ste
 
 
 class Runner:
-    """Runs steps over the cores, keeps what they print, and tells how far it is."""
+    """Runs steps over the cores, keeps their output, and reports progress."""
 
     def __init__(self, steps: list[Step], folder: Path, cores: int) -> None:
         self._folder = folder

@@ -1,8 +1,8 @@
-"""Where the time of `mapmend map` goes: by stage, and inside matching by function; and its peak memory.
+"""How the time of `mapmend map` is spent: by stage, and inside matching by function; and its peak memory.
 
 The stages are those of a process without a profiler, after a warm-up that fills the kernel cache. The functions are
-those of a second pass through the front end in one process under cProfile, which slows Python down and Numba not at
-all: read its shares, not its seconds. Kernels are called from the functions named and count as their own time.
+those of a second pass through the front end in one process under cProfile, which slows down Python but not Numba: use
+its shares, not its seconds. Kernels are called from the functions named and count as their own time.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""How far false loops lead a map astray, by kernel: the absolute trajectory error, ours beside GTSAM's.
+"""How much error false loops cause, by kernel: the absolute trajectory error, ours beside GTSAM's.
 
 ringCity and Bicocca 25b are measured against their ground truth, M3500 and intel against their own optimum without
 false loops; always from odometry. False loops come in four kinds (``lab/false_loops.py``), of each a number of
-seeds. Every run is appended to --results as a line of JSON, and what is there already is not run again: end it at
-any time, and go on later, with more --seeds or other --solvers. Fewer seeds come first in all cases.
+seeds. Every run is appended to --results as a line of JSON, and runs that are there are not repeated: it can be ended
+at any time and continued later, with more --seeds or other --solvers. The first seeds of all cases are run first.
 
 DCS, ours and GTSAM's, runs with our phi and, as ``dcs-1``, with the published one of 1, which is GTSAM's default.
 GTSAM's GNC runs with its defaults and the odometry as known inliers; both by its Levenberg-Marquardt with its defaults.

@@ -1,13 +1,13 @@
 """Whether time and memory grow in proportion to the log: a log once, and twice over.
 
-The second pass is the first again, its stamps shifted on behind the first's. Between the two the robot is lifted from
-the end of the drive to its start. What its odometry says of that jump:
+The second pass repeats the first, with its stamps shifted behind the first's. Between the two the robot is carried from
+the end of the drive to its start. The odometry of that jump is
 
-    told   where the robot really is now, as the map of one pass knows it (the default)
-    raw    what the recording's odometry says, which has drifted far by then
+    told   the real motion, from the map of one pass (the default)
+    raw    the difference of the recording's odometry, which has drifted far by then
 
-The errors over the relations of either pass tell what the front end made of it. The row "nothing" is a process that
-only imports what `map` does: no log is that small.
+The errors over the relations of both passes show the result of the front end. The row "nothing" is a process that only
+imports what `map` does.
 """
 
 from __future__ import annotations

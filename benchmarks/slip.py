@@ -1,12 +1,12 @@
 """Experiment I of the IGO paper: a real log whose wheels slip, mapped with a motion model widened for it.
 
-The slips are seeded and happen to a recording, mostly on straight stretches (``lab/slip.py``); its scans stay as
-they are. The paper's variances, 1.6 for translation and 0.8 for rotation, are taken for 1 m and 1 rad of reported
+The slips are seeded and added to a recording, mostly on straight stretches (``lab/slip.py``); its scans stay as they
+are. The paper's variances, 1.6 for translation and 0.8 for rotation, are taken as those for 1 m and 1 rad of reported
 motion: ``motion.translation_std_per_m`` is their root, 1.26, and ``motion.rotation_std_per_rad`` 0.89.
 
-Errors are those over the true relations where there are any, and else the absolute trajectory error against the map
-that ``go`` makes of the log without slips: the paper's own log, USC SAL, may be given by its path. Every run is
-appended to --results as a line of JSON, and what is there is not run again.
+Errors are those over the true relations if there are any, otherwise the absolute trajectory error against go's map of
+the log without slips: the paper's own log, USC SAL, may be given by its path. Every run is appended to --results as a
+line of JSON, and runs that are there are not repeated.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ TRANSLATION_VARIANCE, ROTATION_VARIANCE = 1.6, 0.8
 DEFAULT = SlipModel("along", count=30, share=0.9, length_m=2.0)
 """The weakest severity of the sweep at which go's median error on intel doubles, with the default motion model.
 
-It is harder to hurt than one would think; with the widened model its median is 2.3 times the clean error (ten seeds).
+go is robust against weaker ones; with the widened model its median is 2.3 times the clean error (ten seeds).
 """
 
 NO_SLIP = replace(DEFAULT, count=0)
@@ -57,7 +57,7 @@ SWEEP = [
 
 LEAD_SCANS, TAIL_SCANS = 10, 60
 WRONG_M = 0.1
-"""A slip went wrong where the motion over it, from so many scans before to so many after, is off by that."""
+"""A slip is wrong if the motion over it, from this many scans before to this many after, is off by this."""
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def slip_error_m(slip: LogSlip, poses: Float, reference: Float) -> float:
 
 
 def tables(rows: Sequence[Measured], slip: SlipModel) -> str:
-    """One severity: the spread of each method, and what its worst seed did."""
+    """One severity: the spread of each method, and the errors of its worst seed."""
     parts, notes = [], []
     for log, model, method in sorted({(one.log, one.model, one.method) for one in rows}):
         mine = [one for one in rows if (one.log, one.model, one.method) == (log, model, method)]

@@ -1,14 +1,14 @@
 """The kernel's parameter by map consistency beside fixed ones: MC Figure 4 on the scan graphs here.
 
-Graphs get false loops (``lab/false_loops.py``) and, in the cases called corrupted, an initial guess whose nodes
-are thrown about; the others start along the odometry. Every solver's map is measured against the true relations, and
-beside it stands the optimum of the clean graph. Every case is appended to --results as a line of JSON, and what is
-there already is not run again.
+Graphs get false loops (``lab/false_loops.py``) and, in the cases called corrupted, an initial guess with large random
+errors of the nodes; the others start along the odometry. Every solver's map is measured against the true relations,
+beside the optimum of the clean graph. Every case is appended to --results as a line of JSON, and cases that are there
+are not repeated.
 
 ``--what sweep`` finds the least M of a dense sweep of 400 values, over all pairs of scans (``_tuning_sweep.py``; with
 ``--whole`` all values are measured over all pairs), and compares phi* of the same case with it. ``--what shortcut``
-measures the pairs of one graph's grid with and without leaving out those that hardly moved; ``--what noise`` says how
-sure it is that M is larger at other values of phi (``_tuning_noise.py``).
+measures the pairs of one graph's grid with and without leaving out those that hardly moved; ``--what noise``
+estimates how certain it is that M is larger at other values of phi (``_tuning_noise.py``).
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ KINDS = ("random", "local", "random-groups", "local-groups")
 COUNTS = (50, 200, 1000)
 SOLVERS = {"none": None, "phi = 1": kernel_of("dcs", 1.0), "phi = 11.3": kernel_of("dcs"), "gnc": kernel_of("gnc")}
 GUESS_STD = np.array([1.0, 1.0, np.radians(20.0)])
-"""How far a corrupted initial guess throws each node, m, m, rad."""
+"""The random error of each node in a corrupted initial guess, m, m, rad."""
 
 NOISE_PHIS = (0.02, 0.0625, 0.25, 1.0, 4.0, 16.0)
 
 MOST_TIMES = 1.2
-"""The error at phi* is to be at most so many times that of the clean graph's optimum."""
+"""The error at phi* should be at most this many times that of the clean graph's optimum."""
 
 
 @dataclass(frozen=True)

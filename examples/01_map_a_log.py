@@ -1,4 +1,4 @@
-"""Map a log and look at what came of it: python examples/01_map_a_log.py LOG RUN"""
+"""Map a log and look at the result: python examples/01_map_a_log.py LOG RUN"""
 
 import sys
 

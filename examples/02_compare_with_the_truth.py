@@ -8,7 +8,7 @@ from mapmend.simulation import OdometryModel, SlipEvent, random_building, simula
 
 
 def main(seed: int = 1) -> None:
-    # Two metres that the wheels report and of which half don't happen, eight metres into the drive.
+    # Eight metres into the drive the wheels report two metres, of which a half does not happen.
     slippery = OdometryModel(slips=(SlipEvent(start_m=8.0, length_m=2.0, share=0.5),))
     simulation = simulate(random_building(seed), odometry=slippery, seed=seed)
     stamps = simulation.log.stamps_s

@@ -1,4 +1,4 @@
-"""Read the graph of a RUN, optimize it again, and ask how well each node is known: ... 03_read_the_graph.py RUN"""
+"""Read the graph of a RUN, optimize it again, and print the uncertainty of its nodes: ... 03_read_the_graph.py RUN"""
 
 import sys
 from pathlib import Path
@@ -17,7 +17,7 @@ def main(run_folder: str) -> None:
     result = optimize(graph)
     print(f"chi2 {result.chi2_initial:.2f} as read, {result.chi2_final:.2f} after {result.iterations} steps")
 
-    # Of every node, seen from the fixed one; x ahead, y to the left of the robot, both in metres, and the heading.
+    # For every node, relative to the fixed one: x ahead, y to the left of the robot, both in metres, and the heading.
     covariances = marginals(result.factorization)
     worst = int(np.argmax(np.trace(covariances[:, :2, :2], axis1=1, axis2=2)))
     ahead, left, heading = np.sqrt(np.diag(covariances[worst]))

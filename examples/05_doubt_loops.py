@@ -1,4 +1,4 @@
-"""Add false loops to a graph, and let a kernel find them out: ... 05_doubt_loops.py GRAPH"""
+"""Add false loops to a graph, and let a kernel find them: ... 05_doubt_loops.py GRAPH"""
 
 import sys
 
@@ -16,7 +16,7 @@ def main(path: str) -> None:
     corrupted = add_false_loops(graph, "random", count=10, seed=0)
     spoilt, is_false = corrupted.graph, corrupted.is_false
 
-    # False loops that count in full fold the map up, and what is folded stays folded: start along the odometry.
+    # False loops with full weight fold the map up, and a folded map stays folded: start along the odometry.
     start = spoilt.with_poses(along_odometry(spoilt))
     for name in ("none", "gnc"):
         result = optimize(start, kernel=kernel_of(name))

@@ -1,4 +1,4 @@
-"""Ask whether a map can be trusted, and where not: ... 06_check_a_map.py GRAPH"""
+"""Check whether a map can be trusted, and where not: ... 06_check_a_map.py GRAPH"""
 
 import sys
 
