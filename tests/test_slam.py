@@ -74,7 +74,7 @@ def test_without_odometry_the_laser_does(simulation):
     assert np.degrees(turned) < 2.0
     with pytest.raises(InputError, match="--no-odometry"):
         build_map(still)
-    with pytest.raises(MapmendError, match="nothing to go by"):
+    with pytest.raises(MapmendError, match="needs odometry"):
         build_map(still, "odometry", config)
 
 

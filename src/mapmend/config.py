@@ -277,7 +277,7 @@ def read_toml(path: str | Path) -> Config:
     except OSError as error:
         raise InputError(path, f"can't be read ({error.strerror})", "check the path") from error
     except tomllib.TOMLDecodeError as error:
-        raise InputError(path, f"is not TOML ({error})", "mend that line") from error
+        raise InputError(path, f"is not TOML ({error})", "correct that line") from error
     except UnicodeDecodeError as error:
         raise InputError(path, "is not text", "give a TOML file") from error
 

@@ -241,7 +241,7 @@ def check_method(method: str, config: Config) -> None:
     if method not in METHODS:
         raise MapmendError(f"there is no method '{method}'; use one of {', '.join(METHODS)}")
     if method == "odometry" and not config.motion.use_odometry:
-        raise MapmendError("method 'odometry' has nothing to go by without odometry; use igo, go or scanmatch")
+        raise MapmendError("method 'odometry' needs odometry; use igo, go or scanmatch")
 
 
 def check_log(log: ScanLog, config: Config) -> None:
@@ -252,7 +252,7 @@ def check_log(log: ScanLog, config: Config) -> None:
     nearest, farthest = config.scan.min_range_m, config.scan.max_range_m
     if not any(bool(np.any((ranges >= nearest) & (ranges <= farthest))) for ranges in log.scans.blocks()):
         what = f"no scan has a return between {nearest:g} m and {farthest:g} m"
-        raise InputError(source, what, "name a log that sees something, or set scan.max_range_m")
+        raise InputError(source, what, "name a log with returns in this range, or set scan.max_range_m")
     if config.motion.use_odometry and not log.odometry_moves:
         raise InputError(source, "the odometry never moves", "run with --no-odometry to map from the laser alone")
 

@@ -65,7 +65,7 @@ def test_shared_tiles_change_for_nobody_else(scene):
 
 def test_a_robot_that_jumps_off_the_earth_is_refused(scene):
     maps = ParticleMaps(30, SIZE_M)
-    with pytest.raises(MapmendError, match="mend the jumps"):
+    with pytest.raises(MapmendError, match="correct the jumps"):
         maps.claim(scene.scan_at(scene.here, 1), LASER, np.tile([1e5, 1e5, 0.0], (30, 1)))
 
 

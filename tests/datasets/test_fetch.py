@@ -132,7 +132,7 @@ def test_another_content_is_refused_and_not_kept(dataset, content, server):
 def test_a_damaged_file_in_the_cache_is_not_read_but_fetched_again(dataset, content):
     path = fetch(dataset)[0]
     path.write_bytes(content[:-1])
-    with pytest.raises(InputError, match="is not the file that it should be; fetch it with"):
+    with pytest.raises(InputError, match="does not have the expected content; fetch it with"):
         fetched_path("drive")
     assert fetch(dataset)[0].read_bytes() == content
 

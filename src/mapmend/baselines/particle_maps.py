@@ -100,8 +100,8 @@ class ParticleMaps:
         rows, columns = (new_end - new_begin).tolist()
         if rows * columns * len(self.tables) > MOST_ENTRIES:
             raise MapmendError(
-                f"the particles' maps would span {columns * span:.0f} m x {rows * span:.0f} m; mend the jumps in the "
-                "log's odometry, or take larger cells (grid.cell_size_m)"
+                f"the particles' maps would span {columns * span:.0f} m x {rows * span:.0f} m; correct the jumps in "
+                "the log's odometry, or take larger cells (grid.cell_size_m)"
             )
         tables = np.full((len(self.tables), rows, columns), -1, dtype=np.int32)
         top, left = (begin - new_begin).tolist()

@@ -90,7 +90,7 @@ def basis_of(
     views, laid = view_scans(scans, config), odometry_map(graph)
     scales = estimate_scales(views, laid, config, threads, progress)
     if scales is None:
-        notes.append("no scale can be estimated without odometry edges between scans; the laser's own noise is taken")
+        notes.append("no scale can be estimated without odometry edges between scans; the laser's own noise is used")
         scales = sensor_scales(len(graph))
     return Basis(views, laid, scales, tuple(notes))
 

@@ -69,5 +69,5 @@ def fetched_path(name: str | Path) -> Path | None:
     if not (cache_folder() / file.name).is_file():
         raise InputError(name, "no such file; of the public logs, it is one that has not been fetched", mend)
     if not is_fetched(file):
-        raise InputError(cache_folder() / file.name, "is not the file that it should be", mend)
+        raise InputError(cache_folder() / file.name, "does not have the expected content", mend)
     return cache_folder() / file.name

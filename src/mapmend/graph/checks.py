@@ -52,7 +52,7 @@ def check_connections(graph: PoseGraph) -> None:
     if loose.any():
         raise MapmendError(
             f"no chain of edges joins node {graph.ids[np.argmax(loose)]} to a fixed node "
-            f"({int(loose.sum())} of {n} nodes hang loose); add an edge, or fix a node of that part"
+            f"({int(loose.sum())} of {n} nodes are not connected to one); add an edge, or fix a node of that part"
         )
 
 

@@ -110,7 +110,7 @@ def _extent(beams: _Beams, cell_size_m: float) -> tuple[tuple[int, int], tuple[i
     if rows * columns > MOST_CELLS or max(rows, columns) > MOST_CELLS:
         raise MapmendError(
             f"the map would span {width_m:.0f} m x {height_m:.0f} m, {rows * columns:.2g} cells of {cell_size_m:g} m; "
-            "mend the jumps in the log's odometry, or take larger cells (grid.cell_size_m)"
+            "correct the jumps in the log's odometry, or take larger cells (grid.cell_size_m)"
         )
     return (math.floor(low[0] / cell_size_m) - 1, math.floor(low[1] / cell_size_m) - 1), (rows, columns)
 

@@ -136,7 +136,7 @@ def _graph_facts(graph: PoseGraph) -> dict[str, Any]:
 def _graph_notes(graph: PoseGraph) -> tuple[str, ...]:
     notes = [str(note) for note in graph.notes]
     if components(graph) > 1:
-        notes.append("the graph falls into parts that no edge joins")
+        notes.append("the graph is not connected")
     pairs = np.unique(np.sort(graph.edges, axis=1), axis=0)
     if len(pairs) < len(graph.edges):
         notes.append(f"{len(graph.edges) - len(pairs)} edges join nodes that another edge joins already")

@@ -124,7 +124,7 @@ class Frames:
         for name in chain[: chain.index(to)]:
             joint = self.joints[name]
             if joint.moves:
-                raise MapmendError(f"frame '{joint.child}' moves against '{joint.parent}'")
+                raise MapmendError(f"frame '{joint.child}' moves relative to '{joint.parent}'")
             T = _matrix(joint.first) @ T
         return T
 
