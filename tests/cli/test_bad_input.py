@@ -77,7 +77,7 @@ def test_a_log_without_odometry(refused, lines, mapmend, tmp_path):
         still.append(" ".join(words))
     content = "\n".join(still) + "\n"
     assert "run with --no-odometry" in refused(content)
-    assert "without odometry" in refused(content, "--no-odometry", "--method", "odometry")
+    assert "needs odometry" in refused(content, "--no-odometry", "--method", "odometry")
     answer = mapmend("map", tmp_path / "bad.clf", "-o", tmp_path / "run", "--no-odometry")
     assert answer.code == 0
     assert len((tmp_path / "run" / "trajectory.tum").read_text().splitlines()) == 80
