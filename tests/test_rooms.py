@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 LEVELS = (
     {"errors", "version"},
-    {"parallel", "geometry", "config", "scan", "maps"},
+    {"interrupts", "parallel", "geometry", "config", "scan", "maps"},
     {"trajectory", "datasets"},
     {"kernel_cache"},
     {"graph", "simulation", "evaluation"},

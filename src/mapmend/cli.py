@@ -1,7 +1,8 @@
 """The command line: finds the command and its parser, runs it, and reports an error in one line.
 
 Only argparse is imported until a command runs: ``mapmend --help`` and ``mapmend COMMAND --help`` answer before NumPy
-would be loaded. Exit codes: 0 for yes, 1 for no, 2 for could not (one line on standard error), 130 after Ctrl-C.
+would be loaded. Exit codes: 0 for yes, 1 for no, 2 for could not (one line on standard error), 130 after Ctrl-C, 143
+after SIGTERM.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from typing import NoReturn
 
 from mapmend.commands import SUMMARIES
 from mapmend.errors import MapmendError
+from mapmend.interrupts import PLACED, Terminated, terminable, what_was_written
 from mapmend.version import VERSION
 
-COULD_NOT, INTERRUPTED = 2, 130
+COULD_NOT, INTERRUPTED, TERMINATED = 2, 130, 143
 TRACEBACK_VARIABLE = "MAPMEND_TRACEBACK"
 
 
@@ -28,13 +30,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     words = sys.argv[1:] if arguments is None else list(arguments)
+    PLACED.clear()
     try:
-        args = parser(_command_named(words)).parse_args(words)
-        code: int = _module(args.command).run(args)
-        sys.stdout.flush()
-        return code
+        with terminable():
+            args = parser(_command_named(words)).parse_args(words)
+            code: int = _module(args.command).run(args)
+            sys.stdout.flush()
+            return code
+    except Terminated:
+        return _fail(f"terminated; {what_was_written()}", TERMINATED)
     except KeyboardInterrupt:
-        return _fail("interrupted; nothing was written", INTERRUPTED)
+        return _fail(f"interrupted; {what_was_written()}", INTERRUPTED)
     except MapmendError as error:
         return _fail(str(error), COULD_NOT)
     except MemoryError:

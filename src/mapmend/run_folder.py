@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,8 @@ import numpy as np
 from mapmend.config import to_dict
 from mapmend.io.g2o import write_g2o
 from mapmend.io.nav2 import write_map
-from mapmend.io.output import RUN_FILE, whole_or_nothing, write_whole
+from mapmend.io.output import whole_or_nothing
+from mapmend.io.own_files import RUN_FILES
 from mapmend.io.tum import write_tum
 from mapmend.slam import MapResult, stage
 from mapmend.trajectory import path_length_m
@@ -27,25 +27,26 @@ def write_run(
 ) -> dict[str, Any]:
     """Writes a RUN folder, and returns the content of its run.json; raises OutputError, and then leaves nothing behind.
 
+    Replaces the files of an older RUN in ``folder`` and keeps all others (`mapmend.io.output.whole_or_nothing`).
+
     ``source``: what was mapped. ``seconds``: of stages outside ``result``. Only ``seconds`` differs between two runs of
     the same log, configuration and seed; ``seconds["write"]`` is the time for all files except run.json itself.
     """
     from mapmend.view.map_picture import draw_run
 
     spent = {**(seconds or {}), **result.seconds}
-    with whole_or_nothing(folder) as place:
+    with whole_or_nothing(folder, RUN_FILES) as output:
+        place = output.path
         with stage("write", spent):
             write_tum(place / "trajectory.tum", result.trajectory.stamps_s, result.trajectory.poses)
             write_g2o(place / "graph.g2o", result.graph)
             write_map(place, result.occupancy)
             draw_run(result).save(place / "map.png", compress_level=2)
-        values = run_json(replace(result, seconds=spent), source)
-        write_whole(place / RUN_FILE, json.dumps(values, indent=2, allow_nan=False) + "\n")
-    return values
+        return output.write_run_json(run_json(replace(result, seconds=spent), source))
 
 
 def run_json(result: MapResult, source: str = "") -> dict[str, Any]:
-    """The content of run.json: enough to repeat the run, and its results."""
+    """The content of run.json without the list of files: enough to repeat the run, and its results."""
     rows, columns = result.occupancy.image.shape
     mended = {} if result.mended is None else {"mended": result.mended.to_json()}
     return {

@@ -15,17 +15,17 @@ from mapmend.commands.common import console
 
 def interrupt(self, stage, done, total):
     if stage == sys.argv[1]:
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), int(sys.argv[2]))
 
 console.ProgressBar.__call__ = interrupt
-sys.exit(cli.main(sys.argv[2:]))
+sys.exit(cli.main(sys.argv[3:]))
 """
 
 
-def interrupted(stage, *arguments):
-    """Runs ``mapmend`` with the arguments and sends it Ctrl-C when it first tells progress of ``stage``."""
+def interrupted(stage, *arguments, number=signal.SIGINT):
+    """Runs ``mapmend`` and sends it Ctrl-C, or another signal, when it first tells progress of ``stage``."""
     return subprocess.run(
-        [sys.executable, "-c", INTERRUPT, stage, *map(str, arguments)],
+        [sys.executable, "-c", INTERRUPT, stage, str(int(number)), *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=120,

@@ -89,7 +89,7 @@ def test_what_can_not_be_checked_is_refused_in_one_line(mapmend, log_path, tmp_p
     assert "0 of 5 nodes carry a scan" in answer.complaint
     assert mapmend("check", tmp_path / "nowhere.g2o").code == 2
     (tmp_path / "file").write_text("")
-    assert "can't be made" in mapmend("check", bare, "-o", tmp_path / "file" / "x").complaint
+    assert "can't be written" in mapmend("check", bare, "-o", tmp_path / "file" / "x").complaint
     assert "no RUN folder" in mapmend("check", tmp_path).complaint
 
 

@@ -102,10 +102,10 @@ def test_what_can_not_be_tuned_is_refused_in_one_line(mapmend, log_path, path, t
     answer = mapmend("tune", tmp_path / "bare.g2o", "-o", tmp_path / "out")
     assert answer.code == 2
     assert "0 of 5 nodes carry a scan" in answer.complaint
-    assert not (tmp_path / "out" / "graph.g2o").exists()
+    assert not (tmp_path / "out").exists()
     write_g2o(tmp_path / "chain.g2o", room_graph(5, with_loop=False))
     assert "no loop edges" in mapmend("tune", tmp_path / "chain.g2o").complaint
     (tmp_path / "file").write_text("")
-    assert "can't be made" in mapmend("tune", path, "-o", tmp_path / "file" / "x").complaint
+    assert "can't be written" in mapmend("tune", path, "-o", tmp_path / "file" / "x").complaint
     assert mapmend("tune", tmp_path / "nowhere.g2o").code == 2
     assert "--kernel" in mapmend("tune", path, "--kernel", "none").complaint

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, table, told_compiling
 from mapmend.commands.common.inputs import load_graph
 from mapmend.commands.common.options import add_config, add_threads, read_config, thread_count
-from mapmend.errors import InputError, MapmendError, OutputError
+from mapmend.errors import InputError, MapmendError
 
 if TYPE_CHECKING:
     from mapmend.consistency.check import CheckResult
@@ -34,12 +34,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     """Checks ``args.graph``; returns 0 if it is consistent, 1 if not."""
     from mapmend.consistency.check import check
-    from mapmend.io.output import check_file_writable, write_whole
+    from mapmend.io.output import check_own_writable, write_own
 
     config = read_config(args).consistency
     graph = load_graph(args.graph)
     picture = _folder(args) / PICTURE
-    check_file_writable(picture)
+    check_own_writable(picture)
     try:
         with ProgressBar() as progress, told_compiling():
             result = check(graph, config, threads=thread_count(args.threads), progress=progress)
@@ -48,7 +48,7 @@ def run(args: Namespace) -> int:
     say_notes(graph.notes)
     for note in result.notes:
         say(f"note: {note}")
-    write_whole(picture, _picture(graph, result, args.graph))
+    write_own(picture, _picture(graph, result, args.graph))
     values = report(graph, result)
     if args.json:
         print_json({**values, "picture": str(picture)})
@@ -134,15 +134,10 @@ def _edge(graph: PoseGraph, edge: int) -> dict[str, int]:
 
 
 def _folder(args: Namespace) -> Path:
-    """The folder for the picture; it is made if it is named and does not exist."""
-    if not args.output:
-        return Path(args.graph) if Path(args.graph).is_dir() else Path()
-    folder = Path(args.output)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: can't be made ({error.strerror}); choose a place that can") from None
-    return folder
+    """Where the picture goes: the folder that is named, the RUN, or the working directory."""
+    if args.output:
+        return Path(args.output)
+    return Path(args.graph) if Path(args.graph).is_dir() else Path()
 
 
 def _picture(graph: PoseGraph, result: CheckResult, name: str) -> bytes:

@@ -10,7 +10,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from mapmend.commands.common.console import ProgressBar, print_json, say, table
+from mapmend.commands.common.console import ProgressBar, print_json, say, say_older, table
 from mapmend.commands.common.options import (
     BAG_ARGUMENTS,
     METHODS,
@@ -23,11 +23,11 @@ from mapmend.commands.common.options import (
 )
 from mapmend.datasets.cache import named_file
 from mapmend.errors import InputError, MapmendError
-from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
+from mapmend.io.output import check_writable, whole_or_nothing
+from mapmend.io.own_files import COMPARISON_PICTURE, RUN_FILES
 from mapmend.version import VERSION
 
 COMPARED = ("odometry", "scanmatch", "gmapping", "go", "igo")
-PICTURE = "compare.png"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -52,10 +52,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     """Runs every method in a process of its own, then shows them together; writes one folder, whole or not at all."""
     request = _request(args)
-    check_writable(args.output)
+    names = [COMPARISON_PICTURE, *(f"{method}/{name}" for method in args.methods for name in RUN_FILES)]
+    check_writable(args.output, names)
     rows: list[dict[str, Any]] = []
-    with whole_or_nothing(args.output) as place:
-        place.mkdir(exist_ok=True)
+    with whole_or_nothing(args.output, names) as output:
+        place = output.path
         with ProgressBar() as progress:
             rows += [_run_child({**request, "method": m, "run": str(place / m)}, progress) for m in args.methods]
         if all("failed" in row for row in rows):
@@ -70,7 +71,8 @@ def run(args: Namespace) -> int:
             "methods": [{name: value for name, value in row.items() if name != "notes"} for row in rows],
         }
         _draw(values, place)
-        write_whole(place / RUN_FILE, json.dumps(values, indent=2, allow_nan=False) + "\n")
+        run_json = output.write_run_json(values)
+    say_older(run_json)
     if args.json:
         print_json({**values, "output": args.output})
     else:
@@ -141,7 +143,7 @@ def _draw(values: dict[str, Any], place: Path) -> None:
             folder = place / row["method"]
             trajectory = read_run(folder)[0]
             maps.append(ComparedMap(_title(row), read_map(folder / "map.yaml"), trajectory.poses))
-    draw_compared_maps(maps, place / PICTURE)
+    draw_compared_maps(maps, place / COMPARISON_PICTURE)
 
 
 def _title(row: dict[str, Any]) -> str:
@@ -180,5 +182,6 @@ def _lines(values: dict[str, Any], folder: str) -> list[str]:
         used, total = done[0]["used"], done[0]["total"]
         lines.append(f"error: over {used} of {total} relations, mean and standard deviation, poses of the robot")
     lines.append("seconds and memory: of reading, mapping and writing, each method in a process of its own")
-    lines.append(f"picture: {folder}/{PICTURE}, runs: " + ", ".join(f"{folder}/{row['method']}" for row in done))
+    runs = ", ".join(f"{folder}/{row['method']}" for row in done)
+    lines.append(f"picture: {folder}/{COMPARISON_PICTURE}, runs: {runs}")
     return lines

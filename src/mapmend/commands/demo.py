@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mapmend.commands.common.console import ProgressBar, print_json, table, told_compiling
+from mapmend.commands.common.console import ProgressBar, print_json, say_older, table, told_compiling
 from mapmend.commands.common.options import add_threads, thread_count, whole_number
 from mapmend.commands.common.simulated import write_simulation
-from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
+from mapmend.io.output import check_writable, whole_or_nothing
+from mapmend.io.own_files import DEMO_PICTURE, RUN_FILES, SIMULATION_FILES
 from mapmend.version import VERSION
 
 if TYPE_CHECKING:
@@ -20,14 +19,16 @@ if TYPE_CHECKING:
     from mapmend.view.figures import MapPanel
 
 METHODS = ("odometry", "scanmatch", "go", "igo")
-PICTURE = "demo.png"
+FILES = (DEMO_PICTURE, *SIMULATION_FILES, *(f"{method}/{name}" for method in METHODS for name in RUN_FILES))
 
 # The wheels of a worn robot: they turn a little to the left and slip where the floor is waxed.
 ROTATION_BIAS_RADPM, SLIPS = 0.004, 4
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.epilog = "Writes the log, the truth, a RUN folder for each method, and demo.png. Replaces an earlier demo."
+    parser.epilog = (
+        "Writes the log, the truth, a RUN folder for each method, and demo.png. Replaces the files of an earlier demo."
+    )
     parser.add_argument("-o", "--output", metavar="DIR", default="demo", help="folder to write (default: demo)")
     parser.add_argument(
         "--seed", type=whole_number, default=1, metavar="N", help="seed of noise and slips (default: 1)"
@@ -42,23 +43,24 @@ def run(args: Namespace) -> int:
     from mapmend.slam import build_map
     from mapmend.view.figures import draw_comparison
 
-    check_writable(args.output)
+    check_writable(args.output, FILES)
     threads = thread_count(args.threads)
     simulation = demo_drive(args.seed)
     rows: list[dict[str, Any]] = []
     panels: list[MapPanel] = []
-    with whole_or_nothing(args.output) as place, told_compiling() as compiling:
-        write_simulation(simulation, place)
+    with whole_or_nothing(args.output, FILES) as output, told_compiling() as compiling:
+        write_simulation(simulation, output.path)
         for method in METHODS:
             with ProgressBar() as progress:
                 result = build_map(simulation.log, method, Config(seed=args.seed), threads=threads, progress=progress)
-            run_json = write_run(result, place / method, source="log.clf")
+            run_json = write_run(result, output.path / method, source="log.clf")
             errors = errors_of(result, simulation)
             rows.append(_row(method, errors, run_json))
             panels.append(_panel(method, errors, result))
-        draw_comparison(simulation.world.walls, simulation.truth, panels, place / PICTURE)
+        draw_comparison(simulation.world.walls, simulation.truth, panels, output.path / DEMO_PICTURE)
         values = {"mapmend": VERSION, "world": simulation.world.name, "seed": args.seed, "methods": rows}
-        _write_run_file(values, place)
+        run_json = output.write_run_json(_without_seconds(values))
+    say_older(run_json)
     if args.json:
         print_json({**values, "compile_seconds": round(compiling.seconds, 3), "output": args.output})
     else:
@@ -99,10 +101,10 @@ def _panel(method: str, errors: TrajectoryErrors, result: MapResult) -> MapPanel
     return MapPanel(title, result.occupancy, result.trajectory.poses, errors.T_reference_estimate)
 
 
-def _write_run_file(values: dict[str, Any], place: Path) -> None:
-    """The content that marks the folder as ours, without the seconds, which differ in every run."""
+def _without_seconds(values: dict[str, Any]) -> dict[str, Any]:
+    """What run.json holds: all but the seconds, which no two runs share."""
     methods = [{name: value for name, value in row.items() if name != "seconds"} for row in values["methods"]]
-    write_whole(place / RUN_FILE, json.dumps({**values, "methods": methods}, indent=2) + "\n")
+    return {**values, "methods": methods}
 
 
 def _lines(simulation: Simulation, rows: list[dict[str, Any]], folder: str) -> list[str]:
@@ -124,5 +126,5 @@ def _lines(simulation: Simulation, rows: list[dict[str, Any]], folder: str) -> l
         table(("method", "error [m]", "rotation [deg]", "loops", "seconds"), cells),
         "",
         "error: RMSE of the absolute trajectory error after alignment; rotation: mean",
-        f"picture: {folder}/{PICTURE}, runs: {runs}",
+        f"picture: {folder}/{DEMO_PICTURE}, runs: {runs}",
     ]

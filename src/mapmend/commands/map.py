@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from threading import Thread
 from typing import Any
 
-from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, told_compiling
+from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, say_older, told_compiling
 from mapmend.commands.common.options import (
     METHODS,
     add_bag,
@@ -19,12 +19,15 @@ from mapmend.commands.common.options import (
     thread_count,
 )
 from mapmend.io.output import check_writable
+from mapmend.io.own_files import RUN_FILES
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.epilog = "The RUN folder holds trajectory.tum, graph.g2o, map.pgm with map.yaml, map.png and run.json."
     parser.add_argument("log", metavar="LOG", help="a CARMEN log (.gz and .bz2 too) or a ROS bag")
-    parser.add_argument("-o", "--output", metavar="RUN", required=True, help="the folder to write; replaces a RUN")
+    parser.add_argument(
+        "-o", "--output", metavar="RUN", required=True, help="the folder to write; replaces a RUN's files in it"
+    )
     parser.add_argument(
         "--method",
         choices=METHODS,
@@ -53,7 +56,7 @@ def run(args: Namespace) -> int:
 
     config = map_config(args)
     check_method(args.method, config)
-    check_writable(args.output)
+    check_writable(args.output, RUN_FILES)
     imports = Thread(target=_import_ahead, daemon=True)
     imports.start()
     began = time.perf_counter()
@@ -68,6 +71,7 @@ def run(args: Namespace) -> int:
     if result.alignment is not None and not result.alignment.found:
         say("note: the walls have no main direction; the map keeps the robot's first heading")
     values = write_run(result, args.output, source=args.log, seconds=seconds)
+    say_older(values)
     if args.json:
         print_json({**values, "run": args.output})
     else:

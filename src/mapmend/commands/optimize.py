@@ -70,7 +70,7 @@ def run(args: Namespace) -> int:
         raise MapmendError("--phi and --all-edges say how a kernel doubts; name one with --kernel")
     if Path(args.output).suffix in PACKED:
         raise MapmendError(f"{args.output}: graphs are written plain; name it without {Path(args.output).suffix}")
-    check_file_writable(args.output)
+    check_file_writable(args.output, [named_file(args.graph)])
     began = time.perf_counter()
     graph, written_as = read_graph(named_file(args.graph))
     seconds = {"read": time.perf_counter() - began}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from mapmend.commands.common.console import ProgressBar, print_json, say, told_compiling
 from mapmend.commands.common.options import add_config, add_threads, read_config, thread_count
-from mapmend.io.output import check_file_writable, write_whole
+from mapmend.io.output import check_file_writable, check_own_writable, write_own, write_whole
 
 if TYPE_CHECKING:
     from mapmend.report.run_data import Run
@@ -33,8 +33,10 @@ def run(args: Namespace) -> int:
     config = read_config(args)
     folders = [args.run, *args.compare]
     path = Path(args.output) if args.output else Path(args.run) / PAGE
-    if Path(args.run).is_dir():
-        check_file_writable(path)
+    if args.output:
+        check_file_writable(path, folders)
+    elif Path(args.run).is_dir():
+        check_own_writable(path)
     with ProgressBar() as progress, told_compiling():
         runs = [
             read_checked(folder, config, threads=thread_count(args.threads), progress=progress) for folder in folders
@@ -42,8 +44,10 @@ def run(args: Namespace) -> int:
     for one in runs:
         if one.result is None:
             say(f"note: {one.name} was not checked: {one.unchecked}")
+        if one.has_older_tuning:
+            say(f"note: {one.name}: its tune.json is of an older map and is left out; tune again")
     text = report_page(runs)
-    write_whole(path, text)
+    (write_whole if args.output else write_own)(path, text)
     if args.json:
         print_json({"report": str(path), "bytes": len(text.encode()), "runs": [_facts(one) for one in runs]})
     else:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import Any
 
-from mapmend.commands.common.console import print_json
+from mapmend.commands.common.console import print_json, say_older
 from mapmend.commands.common.options import positive_number, whole_number
 from mapmend.commands.common.simulated import write_simulation
 from mapmend.errors import MapmendError
-from mapmend.io.output import RUN_FILE, check_writable, whole_or_nothing, write_whole
+from mapmend.io.output import check_writable, whole_or_nothing
+from mapmend.io.own_files import SIMULATION_FILES
 from mapmend.version import VERSION
 
 WORLDS = ("corridor", "office", "random")
@@ -45,7 +45,7 @@ def run(args: Namespace) -> int:
     from mapmend.simulation import LaserModel, OdometryModel, first_scans, simulate, world_named
     from mapmend.trajectory import path_length_m
 
-    check_writable(args.output)
+    check_writable(args.output, SIMULATION_FILES)
     if args.scans is not None and args.scans < 1:
         raise MapmendError("--scans must be at least 1")
     laser = LaserModel(range_noise_std_m=args.range_noise)
@@ -61,9 +61,10 @@ def run(args: Namespace) -> int:
         "path_m": path_length_m(simulation.truth),
         "slips": [{"start_m": s.start_m, "length_m": s.length_m, "share": s.share} for s in simulation.slips],
     }
-    with whole_or_nothing(args.output) as place:
-        write_simulation(simulation, place)
-        write_whole(place / RUN_FILE, json.dumps(values, indent=2) + "\n")
+    with whole_or_nothing(args.output, SIMULATION_FILES) as output:
+        write_simulation(simulation, output.path)
+        run_json = output.write_run_json(values)
+    say_older(run_json)
     if args.json:
         print_json({**values, "output": args.output})
     else:

@@ -8,12 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, table, told_compiling
+from mapmend.commands.common.console import ProgressBar, print_json, say, say_notes, say_older, table, told_compiling
 from mapmend.commands.common.inputs import load_graph
 from mapmend.commands.common.options import KERNELS, STARTS, add_config, add_threads, read_config, thread_count
 from mapmend.errors import InputError, MapmendError, OutputError
 from mapmend.io.formats import graph_format_of
-from mapmend.io.output import check_file_writable, write_whole
+from mapmend.io.output import (
+    check_file_writable,
+    check_own_writable,
+    check_writable,
+    whole_or_nothing,
+    write_own,
+    write_whole,
+)
+from mapmend.io.own_files import TUNE_FILES, is_run
+from mapmend.version import VERSION
 
 if TYPE_CHECKING:
     from mapmend.tuning.tune import TuneResult
@@ -25,11 +34,12 @@ MOST_ROWS = 10
 
 @dataclass(frozen=True)
 class Outputs:
-    """The paths of the optimized graph and the picture."""
+    """Where the optimized graph and the picture go; ``folder`` is the one that was named for both, if any."""
 
     graph: Path
     format: str
     picture: Path
+    folder: Path | None = None
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -61,7 +71,7 @@ def run(args: Namespace) -> int:
     from mapmend.tuning.tune import tune
 
     config = read_config(args)
-    outputs = _outputs(args.output)
+    outputs = _outputs(args.output, args.graph)
     began = time.perf_counter()
     graph = load_graph(args.graph)
     seconds = {"read": time.perf_counter() - began}
@@ -94,21 +104,22 @@ def run(args: Namespace) -> int:
     return 0 if result.consistent else INCONSISTENT
 
 
-def _outputs(output: str | None) -> Outputs | None:
+def _outputs(output: str | None, source: str) -> Outputs | None:
     """A name with a graph's suffix is the graph's, with the picture beside it; any other is a folder for both."""
     if not output:
         return None
     path = Path(output)
     form = graph_format_of(path)
     if form is not None:
-        check_file_writable(path)
+        check_file_writable(path, [source])
+        check_own_writable(path.with_name(PICTURE))
         return Outputs(path, form, path.with_name(PICTURE))
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: can't be made ({error.strerror}); choose a place that can") from None
-    check_file_writable(path / GRAPH)
-    return Outputs(path / GRAPH, "g2o", path / PICTURE)
+    if is_run(path):
+        raise OutputError(f"{path}: holds a RUN, whose graph belongs to its map; name another folder")
+    check_writable(path, TUNE_FILES)
+    if path.is_dir():
+        check_file_writable(path / GRAPH, [source])
+    return Outputs(path / GRAPH, "g2o", path / PICTURE, path)
 
 
 def _write(outputs: Outputs, result: TuneResult, args: Namespace) -> None:
@@ -116,8 +127,29 @@ def _write(outputs: Outputs, result: TuneResult, args: Namespace) -> None:
     from mapmend.view.tune_picture import tune_png
 
     picture = tune_png(result, Path(args.graph).name)
-    write_graph(outputs.graph, result.graph, outputs.format)
-    write_whole(outputs.picture, picture)
+    if outputs.folder is None:
+        write_own(outputs.picture, picture)
+        write_graph(outputs.graph, result.graph, outputs.format)
+        return
+    with whole_or_nothing(outputs.folder, TUNE_FILES) as output:
+        write_graph(output.path / GRAPH, result.graph, outputs.format)
+        write_whole(output.path / PICTURE, picture)
+        run_json = output.write_run_json(_run_json(result, args))
+    say_older(run_json)
+
+
+def _run_json(result: TuneResult, args: Namespace) -> dict[str, Any]:
+    """What run.json says of a tuned graph, besides the list of files."""
+    return {
+        "mapmend": VERSION,
+        "graph": Path(args.graph).name,
+        "kernel": result.kernel,
+        "init": args.init,
+        "phi": result.phi,
+        "measure": result.measure_m,
+        "consistent": result.consistent,
+        "p_value": result.check.p_value,
+    }
 
 
 def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict[str, Any]:

@@ -27,7 +27,7 @@ def run(args: Namespace) -> int:
 
     check_installed()
     if args.save:
-        check_file_writable(args.save)
+        check_file_writable(args.save, [args.run])
     elif not _has_screen():
         raise MapmendError("there is no screen to open rerun on; give --save run.rrd and open that file elsewhere")
     trajectory, graph = read_run(args.run)

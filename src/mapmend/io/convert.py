@@ -18,6 +18,7 @@ from mapmend.io.carmen import write_carmen
 from mapmend.io.formats import BAG_FILE, GRAPH_FORMATS, LOG_FORMATS, TRAJECTORY_FORMATS, format_of
 from mapmend.io.graph_text import write_graph
 from mapmend.io.kitti import COLUMNS, read_kitti, write_kitti
+from mapmend.io.output import check_file_writable
 from mapmend.io.reader import read, read_run
 from mapmend.io.tum import write_tum
 from mapmend.scan import Note, ScanLog
@@ -65,6 +66,8 @@ def convert(
     form = to or format_of(target)
     if form == "sqlite3" and Path(target).suffix == BAG_FILE:
         raise MapmendError(f"{target}: an .mcap file holds no sqlite3; name a folder")
+    if not Path(target).is_dir():
+        check_file_writable(target, [source] if stamps is None else [source, stamps])
     content = _load(source, form, bag, lenient)
     if stamps is not None:
         content = _stamped(content, stamps, source)

@@ -18,6 +18,7 @@ from mapmend.io.columns import read_columns
 from mapmend.io.files import open_text, read_bytes
 from mapmend.io.graph_lines import parse_graph
 from mapmend.io.nav2 import parse_map, parse_pgm
+from mapmend.io.output import finish_interrupted
 from mapmend.io.relations import Relations, parse_relations
 from mapmend.io.tum import parse_tum
 from mapmend.maps import OccupancyMap
@@ -130,6 +131,7 @@ def _parse_table(data: bytes, path: str | Path) -> Table:
 
 def read_run(folder: str | Path) -> tuple[Trajectory, PoseGraph | None]:
     """The trajectory and the graph (None if there is none) of a RUN folder; raises InputError."""
+    finish_interrupted(folder)
     trajectory = Path(folder) / "trajectory.tum"
     graph = Path(folder) / "graph.g2o"
     if not trajectory.is_file():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from mapmend.consistency.check import CheckResult, check
 from mapmend.errors import InputError, MapmendError
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.io.nav2 import read_map
-from mapmend.io.output import RUN_FILE
+from mapmend.io.own_files import RUN_FILE, is_older_file
 from mapmend.io.reader import read_run
 from mapmend.maps import OCCUPIED, OccupancyMap
 from mapmend.parallel import Progress, no_progress
@@ -46,7 +46,8 @@ ODOMETRY, STRETCH, LOOP = 0, 1, 2
 class Run:
     """A RUN folder, read; ``run_json`` is its run.json. If ``result`` is None, ``unchecked`` says why.
 
-    ``tune``: the output of ``mapmend tune RUN --json``, if it is in the RUN as tune.json.
+    ``tune``: the output of ``mapmend tune RUN --json``, if it is in the RUN as tune.json. None and
+    ``has_older_tuning`` if that file is older than the map: it describes another graph.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Run:
     result: CheckResult | None
     unchecked: str = ""
     tune: dict[str, Any] | None = None
+    has_older_tuning: bool = False
 
 
 def read_checked(folder: str | Path, config: Config, *, threads: int = 1, progress: Progress = no_progress) -> Run:
@@ -68,11 +70,12 @@ def read_checked(folder: str | Path, config: Config, *, threads: int = 1, progre
     grid = read_map(Path(folder) / "map.yaml")
     name = Path(folder).resolve().name
     tune = _read_object(Path(folder) / TUNE_FILE) if (Path(folder) / TUNE_FILE).is_file() else None
+    is_older = tune is not None and is_older_file(run_json, Path(folder) / TUNE_FILE)
+    run = Run(name, run_json, trajectory, graph, grid, None, "", None if is_older else tune, is_older)
     try:
-        result = check(graph, config.consistency, threads=threads, progress=progress)
+        return replace(run, result=check(graph, config.consistency, threads=threads, progress=progress))
     except MapmendError as error:
-        return Run(name, run_json, trajectory, graph, grid, None, str(error), tune)
-    return Run(name, run_json, trajectory, graph, grid, result, tune=tune)
+        return replace(run, unchecked=str(error))
 
 
 def read_run_json(folder: str | Path) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from mapmend.io.own_files import RUN_FILE
+
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
@@ -87,6 +89,17 @@ def say_notes(notes: Sequence[Note]) -> None:
         say(f"note: {note}")
     if len(notes) > MOST_NOTES:
         say(f"note: {len(notes) - MOST_NOTES} more; see mapmend info")
+
+
+def say_older(run_json: dict[str, Any]) -> None:
+    """Which files in an output folder fit what was there before; ``run_json`` is the folder's."""
+    older = run_json.get("older_files", {})
+    folders = {name.removesuffix(f"/{RUN_FILE}") for name in older if name.endswith(f"/{RUN_FILE}")}
+    names = sorted(folders | {name for name in older if not any(name.startswith(f"{f}/") for f in folders)})
+    if names:
+        more = f" and {len(names) - MOST_NOTES} more" if len(names) > MOST_NOTES else ""
+        listed = ", ".join(names[:MOST_NOTES]) + more
+        say(f"note: kept, but made from the output that was replaced: {listed}; make them again or remove them")
 
 
 def print_json(values: dict[str, Any]) -> None:

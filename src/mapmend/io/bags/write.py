@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -17,6 +14,7 @@ from mapmend.geometry.se2 import Array
 from mapmend.io.bags.container import EXTRA
 from mapmend.io.bags.messages import NANOSECONDS, ODOMETRY_TYPE, SCAN_TYPE, TRANSFORM_TYPE
 from mapmend.io.formats import BAG_FILE
+from mapmend.io.output import made_beside, move_file, move_folder
 from mapmend.scan import ScanLog
 
 MCAP, SQLITE = "mcap", "sqlite3"
@@ -32,13 +30,13 @@ def write_bag(target: str | Path, log: ScanLog, storage: str = MCAP) -> None:
     """
     place = Path(target)
     _check(place, log)
-    with _beside(place) as temporary:
+    with made_beside(place) as temporary:
         folder = temporary / place.name
         _write(folder, log, storage)
-        written = next(folder.glob(f"*{BAG_FILE}")) if place.suffix == BAG_FILE else folder
-        if place.is_dir():
-            place.rmdir()  # it is empty
-        written.replace(place)
+        if place.suffix == BAG_FILE:
+            move_file(next(folder.glob(f"*{BAG_FILE}")), place)
+        else:
+            move_folder(folder, place)
 
 
 def _check(place: Path, log: ScanLog) -> None:
@@ -48,21 +46,6 @@ def _check(place: Path, log: ScanLog) -> None:
         raise OutputError(f"{place}: is there already, and is a {'folder' if place.is_dir() else 'file'}; name another")
     if len(log) and not (log.stamps_s.min() >= 0.0 and log.stamps_s.max() < _LATEST_S):
         raise OutputError(f"{place}: a bag's stamps run from 0 to {_LATEST_S} s; the log's do not")
-
-
-@contextmanager
-def _beside(place: Path) -> Iterator[Path]:
-    """A folder beside the target, gone at the end."""
-    try:
-        temporary = Path(tempfile.mkdtemp(prefix=f".{place.name[:40]}.", dir=place.absolute().parent))
-    except OSError as error:
-        raise OutputError(f"{place}: can't be written ({error.strerror}); choose a place that can") from None
-    try:
-        yield temporary
-    except OSError as error:
-        raise OutputError(f"{place}: can't be written ({error.strerror}); choose a place that can") from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _write(folder: Path, log: ScanLog, storage: str) -> None:
