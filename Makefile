@@ -1,4 +1,4 @@
-# `make demo` and `make test` install what they need into .venv, with uv where it is there, with venv + pip where not.
+# `make demo` and `make test` install what they need into .venv, with uv if it is installed, otherwise with venv and pip.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

@@ -60,6 +60,12 @@ def test_each_decision_has_its_number_and_is_in_the_index():
     assert [name for name in names if f"- [{name[:3]}]({name}): {titles[name]}\n" not in index] == []
 
 
+def test_each_benchmark_is_in_the_table_of_benchmarks():
+    table = (ROOT / "benchmarks/README.md").read_text()
+    scripts = [path.name for path in (ROOT / "benchmarks").glob("[a-z]*.py")]
+    assert [name for name in scripts if f"| `{name}" not in table and f"(`{name}" not in table] == []
+
+
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 150
 
