@@ -83,7 +83,7 @@ def speed(options: argparse.Namespace) -> None:
         views = view_scans(graph.scans or stop("no scans"), CONFIG).placed(graph.poses)
         measure_pairs(views, CONFIG.min_points, DROP, options.threads)
         seconds = [timed(partial(measure_pairs, views, CONFIG.min_points, DROP, options.threads)) for _ in range(3)]
-        whole = timed(partial(check, graph, CONFIG, threads=options.threads))
+        whole = timed(partial(check, graph, threads=options.threads))
         overlaps = find_overlaps(views.boxes())
         direct, ours = direct_seconds(views, overlaps.listed(0, len(views)))
         beams = len(views.scans.points) / len(views)
@@ -174,7 +174,7 @@ def null_row(kind: str, maps: int, threads: int, first: int) -> tuple[str, ...]:
     for seed in range(first, first + maps):
         dynamics = MOVING if kind == "dynamic" else Dynamics()
         graph = simulated_map(world(seed), seed, dynamics=dynamics, noise=NOISES[seed % len(NOISES)])
-        result = check(graph, CONFIG, threads=threads)
+        result = check(graph, threads=threads)
         pairs.append(float(result.pairs.failed.mean()))
         scans.append(float(result.scans.failed.sum() / np.count_nonzero(result.scans.tested)))
         p_values.append(result.p_value)
@@ -246,7 +246,7 @@ def real_maps(data: str | None) -> Iterator[tuple[str, bool, PoseGraph]]:
 
 
 def judge(name: str, is_dynamic: bool, labelled: LabelledMap, threads: int) -> Verdict:
-    result = check(labelled.graph, CONFIG, threads=threads)
+    result = check(labelled.graph, threads=threads)
     likelihoods = log_likelihoods(result.views, threads)
     known = likelihoods.mean[likelihoods.points >= FEWEST_LIKELIHOOD_POINTS]
     mean, worst = float(known.mean()), float(np.quantile(known, WORST_SHARE))
@@ -324,7 +324,7 @@ def graphs(options: argparse.Namespace) -> None:
         graph = scan_graph(options.data, name)
         laid = graph.with_poses(odometry_map(graph).poses)
         for what, one in (("as stored", graph), ("odometry alone", laid)):
-            result = check(one, CONFIG, threads=options.threads)
+            result = check(one, threads=options.threads)
             verdict = "consistent" if result.consistent else "inconsistent"
             pairs, scans = (f"{100.0 * share.mean():.2f} %" for share in (result.pairs.failed, result.scans.failed))
             rows.append((name, what, verdict, f"{result.p_value:.2g}", pairs, scans))

@@ -1,13 +1,17 @@
 """The configuration: out to TOML and back, and what it refuses."""
 
+from contextlib import suppress
 from dataclasses import fields, replace
+from functools import partial
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapmend.config import ABOVE_ZERO, BELOW_ONE, SHARES, Config, from_dict, read_toml, to_dict, to_toml
+from mapmend.config import REACH_CELLS, Config, from_dict, read_toml, to_dict, to_toml
 from mapmend.errors import InputError
+from mapmend.grid import _kernels
 
 BLOCKS = [f.name for f in fields(Config) if f.name != "seed"]
 
@@ -23,17 +27,13 @@ def values_like(key, default):
 
 @st.composite
 def configs(draw):
-    """Any configuration: some values of some blocks replaced by others of their type."""
-    config = replace(Config(), seed=draw(st.integers(0, 2**31)))
+    """Any configuration: some values of some blocks replaced by others of their type, kept where they go together."""
+    config = Config(seed=draw(st.integers(0, 2**31)))
     for name in draw(st.sets(st.sampled_from(BLOCKS))):
         block = getattr(config, name)
-        keys = draw(st.sets(st.sampled_from([f.name for f in fields(block)])))
-        new = {key: draw(values_like(key, getattr(block, key))) for key in keys}
-        try:
-            from_dict({name: new})
-        except InputError:
-            continue  # this block does not take these values together
-        config = replace(config, **{name: replace(block, **new)})
+        for key in draw(st.sets(st.sampled_from([f.name for f in fields(block)]))):
+            with suppress(InputError):
+                config = config.with_settings({f"{name}.{key}": draw(values_like(key, getattr(block, key)))})
     return config
 
 
@@ -150,16 +150,84 @@ def test_what_may_be_asked_for_is_said():
         ({"match": {"min_score": 1.2}}, "'match.min_score' is 1.2; give a number not below 0 and not above 1"),
         ({"loops": {"gate_quantile": 1}}, "'loops.gate_quantile' is 1; give a number above 0 and below 1"),
         ({"match": {"iterations": 0}}, "'match.iterations' is 0; give a whole number above 0"),
-        ({"scan": {"min_range_m": 40}}, "'scan.max_range_m' is 30; give more than min_range_m, 40"),
+        ({"scan": {"min_range_m": 40}}, "'scan.max_range_m' is 30.0; give more than scan.min_range_m, 40"),
     ):
         with pytest.raises(InputError) as raised:
             from_dict(tables)
         assert str(raised.value) == wanted
 
 
-def test_the_tables_of_limits_name_keys_that_there_are():
-    keys = {f"{name}.{f.name}" for name in BLOCKS for f in fields(getattr(Config(), name))}
-    assert keys >= ABOVE_ZERO | SHARES | BELOW_ONE
+def outcome(make):
+    """The block that comes of it, or the complaint."""
+    try:
+        return str(make())
+    except InputError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf"), -1, "1", None, [1.0], True, 1, 10**400])
+def test_python_refuses_what_toml_refuses(value):
+    """A block, a Config and a table of TOML take the same values, and name the same setting, value and bounds."""
+    for block in BLOCKS:
+        usual = getattr(Config(), block)
+        for key in (f.name for f in fields(usual)):
+            ways = (
+                partial(lambda block, key: replace(getattr(Config(), block), **{key: value}), block, key),
+                partial(lambda block, key: Config().with_settings({f"{block}.{key}": value}), block, key),
+                partial(lambda block, key: from_dict({block: {key: value}}), block, key),
+            )
+            alone, python, toml = map(outcome, ways)
+            assert python == toml
+            of_its_type = isinstance(value, bool) is isinstance(getattr(usual, key), bool)
+            if value != 1 or not of_its_type:
+                assert alone == python
+                assert alone.startswith(f"'{block}.{key}' is {value!r}; give ")
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ({"scan.min_range_m": 30}, "'scan.max_range_m' is 30.0; give more than scan.min_range_m, 30"),
+        ({"consistency.min_range_m": 8}, "'consistency.max_range_m' is 8.0; give more than consistency.min_range_m, 8"),
+        ({"scan.min_range_m": 9}, "'consistency.max_range_m' is 8.0; give more than scan.min_range_m, 9"),
+        ({"match.reach_m": 0.21}, "'match.reach_m' is 0.21; give at most 0.2: "),
+        ({"grid.cell_size_m": 0.04}, "'match.reach_m' is 0.2; give at most 0.16: "),
+        ({"key_nodes.trajectory_length_m": 10}, "'loops.min_separation_m' is 10.0; give at least 15, 1.5 times "),
+        ({"loops.min_separation_m": 7}, "'loops.min_separation_m' is 7.0; give at least 7.5, 1.5 times "),
+        (
+            {"consistency.least_inflation": 3},
+            "'consistency.most_inflation' is 2.0; give 3 (",
+        ),
+    ],
+)
+def test_settings_that_do_not_go_together_are_refused(values, complaint):
+    with pytest.raises(InputError) as raised:
+        Config().with_settings(values)
+    assert str(raised.value).startswith(complaint)
+
+
+def test_settings_that_go_together_are_put_in_together():
+    config = Config().with_settings({"key_nodes.trajectory_length_m": 10, "loops.min_separation_m": 15, "seed": 3})
+    assert (config.key_nodes.trajectory_length_m, config.loops.min_separation_m, config.seed) == (10.0, 15.0, 3)
+    assert Config().with_settings({"match.reach_m": 0.4, "grid.cell_size_m": 0.1}).match.reach_m == 0.4
+
+
+def test_a_name_that_there_is_not_is_answered_with_the_nearest():
+    with pytest.raises(InputError, match=r"unknown key 'loops.tun'; the nearest is 'loops.tune'"):
+        Config().with_settings({"loops.tun": True})
+    with pytest.raises(InputError, match="known are scan, grid, match"):
+        Config().with_settings({"colour": "red"})
+    with pytest.raises(InputError, match=r"'loops' is .*; give a LoopConfig"):
+        Config(loops=Config().scan)
+
+
+def test_numbers_of_numpy_are_numbers():
+    config = Config().with_settings({"scan.max_range_m": np.float32(8.0), "match.iterations": np.int64(7)})
+    assert (type(config.scan.max_range_m), type(config.match.iterations)) == (float, int)
+
+
+def test_the_reach_that_the_settings_allow_is_that_of_the_grid():
+    assert _kernels.REACH == REACH_CELLS
 
 
 @pytest.mark.parametrize(
@@ -172,7 +240,7 @@ def test_the_tables_of_limits_name_keys_that_there_are():
         "[match]\nmin_score = 1.0",
         "[match]\nmin_score = 0.0",
         "[loops]\nmin_agreement = 1.0",
-        "[loops]\nmin_separation_m = 0.0",
+        "[loops]\nconfirm_after_m = 0.0",
     ],
 )
 def test_zeros_and_whole_shares_that_mean_something_are_taken(tmp_path, text):

@@ -56,9 +56,9 @@ def test_a_short_log_is_mapped_and_its_map_can_be_checked(simulation, method, us
         assert np.abs(off[:, :2]).max() < 0.1 + 0.02 * way_m + drift_m  # two cells, and 2 % of the way
         if len(result.graph) == 1:
             with pytest.raises(MapmendError, match="1 of 1 nodes carry a scan; a check compares at least two"):
-                check(result.graph, config.consistency)
+                check(result.graph, config)
         else:
-            assert 0.0 <= check(result.graph, config.consistency).p_value <= 1.0
+            assert 0.0 <= check(result.graph, config).p_value <= 1.0
         if not result.graph.is_loop.any():
             with pytest.raises(MapmendError, match=r"1 of 1 nodes|no loop edges"):
                 tune(result.graph, config)

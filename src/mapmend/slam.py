@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.config import Config
+from mapmend.config import Config, require_config
 from mapmend.errors import InputError, MapmendError
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
@@ -99,8 +99,9 @@ def build_map(
     A log without odometry is mapped from the laser alone, and ``MapResult.config`` says so. Raises MapmendError for an
     unknown method, and for a log without motion, scans or returns.
     """
+    require_config(config)
     if not log.has_odometry:
-        config = replace(config, motion=replace(config.motion, use_odometry=False))
+        config = config.with_settings({"motion.use_odometry": False})
     check_method(method, config)
     check_log(log, config)
     log = replace(log, odometry=se2.to_the_nanometre(log.odometry))
@@ -166,7 +167,7 @@ def _built(front_end: FrontEnd) -> Built:
 
 def scan_matching(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:
     """``scanmatch``: laser odometry alone, which is the same front end without loops."""
-    return graph_optimization(log, replace(config, loops=replace(config.loops, enabled=False)), progress, threads)
+    return graph_optimization(log, config.with_settings({"loops.enabled": False}), progress, threads)
 
 
 def odometry_alone(log: ScanLog, config: Config, progress: Progress = no_progress, threads: int = 1) -> Built:

@@ -36,7 +36,7 @@ def run(args: Namespace) -> int:
     from mapmend.consistency.check import check
     from mapmend.io.output import check_own_writable, write_own
 
-    config = read_config(args).consistency
+    config = read_config(args)
     graph = load_graph(args.graph)
     picture = _folder(args) / PICTURE
     check_own_writable(picture)

@@ -78,7 +78,7 @@ def _verdict(result: MapResult, threads: int, progress: _Progress) -> dict[str, 
     from mapmend.consistency.check import check
 
     try:
-        checked = check(result.graph, result.config.consistency, threads=threads, progress=progress)
+        checked = check(result.graph, result.config, threads=threads, progress=progress)
     except MapmendError as error:
         return {"consistent": None, "check": str(error)}
     return {"consistent": checked.consistent, "p_value": checked.p_value}

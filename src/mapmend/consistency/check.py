@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.config import ConsistencyConfig
+from mapmend.config import Config, ConsistencyConfig, require_config
 from mapmend.consistency.cascade import PairTests, ScanTests, judge_pairs, judge_scans, map_p_value
 from mapmend.consistency.measure import measure_pairs
 from mapmend.consistency.regions import InconsistentRegion, contradicting_points, find_regions
@@ -21,7 +21,7 @@ from mapmend.parallel import Progress, no_progress
 
 Float = NDArray[np.float64]
 
-DEFAULT_CONFIG = ConsistencyConfig()
+DEFAULT_CONFIG = Config()
 
 
 @dataclass(frozen=True)
@@ -63,17 +63,20 @@ class CheckResult:
 
 def check(
     graph: PoseGraph,
-    config: ConsistencyConfig = DEFAULT_CONFIG,
+    config: Config = DEFAULT_CONFIG,
     *,
     threads: int = 1,
     progress: Progress = no_progress,
 ) -> CheckResult:
     """Whether the graph's map is consistent; the same for any number of threads.
 
-    Raises MapmendError for a graph with fewer than two scans, or without scans that see a common area.
+    Of ``config``, the block ``consistency`` counts. Raises MapmendError for a graph with fewer than two scans, or
+    without scans that see a common area.
     """
-    basis = basis_of(graph, config, threads=threads, progress=progress)
-    return judge_map(graph, basis, config, threads=threads, progress=progress)
+    require_config(config)
+    settings = config.consistency
+    basis = basis_of(graph, settings, threads=threads, progress=progress)
+    return judge_map(graph, basis, settings, threads=threads, progress=progress)
 
 
 def basis_of(

@@ -73,7 +73,7 @@ def read_checked(folder: str | Path, config: Config, *, threads: int = 1, progre
     is_older = tune is not None and is_older_file(run_json, Path(folder) / TUNE_FILE)
     run = Run(name, run_json, trajectory, graph, grid, None, "", None if is_older else tune, is_older)
     try:
-        return replace(run, result=check(graph, config.consistency, threads=threads, progress=progress))
+        return replace(run, result=check(graph, config, threads=threads, progress=progress))
     except MapmendError as error:
         return replace(run, unchecked=str(error))
 

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.config import Config
+from mapmend.config import Config, require_config
 from mapmend.consistency.check import Basis, CheckResult, basis_of, judge_map
 from mapmend.consistency.measure import measure_pairs
 from mapmend.consistency.pairs import find_overlaps
@@ -131,6 +131,7 @@ def tune(
     Raises MapmendError for a graph without loop edges or with fewer than two scans, for unknown kernels and starts, and
     for graphs that cannot be optimized.
     """
+    require_config(config)
     scans = graph.scans
     if kernel not in KERNELS:
         raise MapmendError(f"kernel must be one of {', '.join(KERNELS)}, got {kernel!r}")

@@ -101,15 +101,10 @@ def add_settings(parser: ArgumentParser) -> None:
 
 def map_config(args: Namespace) -> Config:
     """The settings that the arguments of `add_settings` ask for."""
-    from dataclasses import replace
-
-    config = read_config(args)
-    if args.seed is not None:
-        config = replace(config, seed=args.seed)
-    if args.no_odometry:
-        config = replace(config, motion=replace(config.motion, use_odometry=False))
-    if args.robust == "auto":
-        config = replace(config, loops=replace(config.loops, tune=True))
-    if args.align:
-        config = replace(config, grid=replace(config.grid, align=True))
-    return config
+    asked = {
+        "seed": args.seed,
+        "motion.use_odometry": False if args.no_odometry else None,
+        "loops.tune": True if args.robust == "auto" else None,
+        "grid.align": True if args.align else None,
+    }
+    return read_config(args).with_settings({name: value for name, value in asked.items() if value is not None})
