@@ -1,4 +1,4 @@
-"""benchmarks/papers.py: goes on where it stopped, and says of a claim what the numbers say."""
+"""benchmarks/papers.py: continues where it stopped, and its verdicts follow from the numbers."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The whole method: results that hang together, and logs that it refuses."""
+"""The whole method: consistent results, and logs that it refuses."""
 
 from dataclasses import replace
 from types import NoneType

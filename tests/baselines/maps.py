@@ -10,7 +10,7 @@ from tests.grid.contents import Contents
 
 
 def contents_of(maps, p):
-    """`Contents` of particle p's map: ``nearest`` by number instead of by the way to it."""
+    """`Contents` of particle p's map: ``nearest`` by cell number instead of by offset."""
     table = maps.tables[p]
     surface, returns, evidence, ways = maps.cells
     nearest = np.full(len(ways), -1, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Maps shared by particles: each must hold what it would hold if nobody shared anything."""
+"""Maps shared by particles: each must have the same content as without sharing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""``mapmend map --align``: one turn for everything in the RUN, told in run.json; and the map as others read it."""
+"""``mapmend map --align``: one turn for everything in the RUN, given in run.json; and the map as others read it."""
 
 import json
 
@@ -50,7 +50,7 @@ def test_the_corridors_walls_lie_in_few_rows(runs):
 
 
 def test_map_reads_the_same_by_pillow_and_yaml(runs):
-    """Another program's way in: PGM by Pillow, the page by a YAML parser, both as nav2's map server takes them."""
+    """The map as another program reads it: PGM by Pillow, the YAML file by a parser, both as in nav2's map server."""
     page = yaml.safe_load((runs[1] / "map.yaml").read_text())
     ours = read_map(runs[1] / "map.yaml")
     assert set(page) == {"image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"}

@@ -1,4 +1,4 @@
-"""What can't be used is refused in one line with exit code 2, and nothing half-written is left."""
+"""Bad input is refused in one line with exit code 2, and no incomplete output remains."""
 
 import numpy as np
 import pytest

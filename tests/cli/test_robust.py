@@ -1,4 +1,4 @@
-"""``mapmend map --robust auto``: a false loop that the front end took is let go by the scans' word."""
+"""``mapmend map --robust auto``: a false loop of the front end is switched off because the scans contradict it."""
 
 import json
 from dataclasses import replace

@@ -16,7 +16,7 @@ LASERS = (HALF_CIRCLE, ALL_AROUND, ONCE_MORE, TOO_FAR_AROUND, CLOCKWISE, NARROW,
 
 
 def scans_of(geometries, readings):
-    """Scans, one a geometry and row of readings."""
+    """Scans, one for each geometry and row of readings."""
     counts = [len(r) for r in readings]
     offsets = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
     ranges = (
@@ -52,7 +52,7 @@ def room_graph(nodes=12, seed=0, noise_m=0.01, with_loop=True):
 
 
 def graph_of(poses, scans, loops=(), stamps_s=None):
-    """A graph whose edges are what its poses say: odometry from node to node, and the given loops."""
+    """A graph whose edges follow from its poses: odometry from node to node, and the given loops."""
     from mapmend.geometry import se2
 
     n = len(poses)

@@ -15,7 +15,7 @@ from tests.real_data import data_path
 
 
 def shifted(graph, metres, first):
-    """The nodes from ``first`` on stand elsewhere, as after a false loop; their odometry does not know."""
+    """The nodes from ``first`` on are displaced, as after a false loop; their odometry is unchanged."""
     poses = graph.poses.copy()
     poses[first:, 0] += metres
     return graph.with_poses(poses)
@@ -117,6 +117,6 @@ def test_odometry_alone_fails_on_real_graphs(name):
 
 
 def test_a_map_of_raw_wheel_odometry_fails():
-    """Its own neighbours contradict each other, by 0.24 m in the median: by such scales anything would pass."""
+    """Its neighbouring scans contradict each other, by 0.24 m in the median: with such scales every map would pass."""
     log = mapmend.read_log(data_path("logs/fr079.clf.bz2"))
     assert not check(mapmend.build_map(log, "odometry").graph).consistent

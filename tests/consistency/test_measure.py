@@ -83,7 +83,7 @@ def test_a_single_return_sees_no_area_but_can_lie_in_one():
     scans = scans_of((HALF_CIRCLE, HALF_CIRCLE), [lonely, np.full(60, 2.0)])
     n, depth = measured(scans, np.zeros((2, 3)))
     assert n == 1
-    assert depth == pytest.approx(1.0, abs=2e-3)  # the arc's chords lie a hair nearer, the laser exactly 1 m away
+    assert depth == pytest.approx(1.0, abs=2e-3)  # the arc's chords are slightly nearer, the laser exactly 1 m away
     assert measured(scans_of((HALF_CIRCLE, HALF_CIRCLE), [lonely, lonely]), np.zeros((2, 3))) == (0, 0.0)
 
 
@@ -91,7 +91,7 @@ def test_a_single_return_sees_no_area_but_can_lie_in_one():
 def test_points_on_the_boundary_are_not_inside(geometry):
     # The same scan twice at the same place: every end point is a corner of the other's polygon.
     readings = random_readings(np.random.default_rng(3), geometry.beam_count)
-    readings[72:] = readings[: max(len(readings) - 72, 0)]  # what looks again sees again
+    readings[72:] = readings[: max(len(readings) - 72, 0)]  # beams beyond a full turn repeat the first readings
     scans = scans_of((geometry, geometry), [readings, readings])
     _, total = measured(scans, [(0.0, 0.0, 0.0)] * 2)
     assert total == pytest.approx(0.0, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Public logs come from a server on this machine: whole, taken up where they broke off, never with another content."""
+"""Public logs from a server on this machine: complete, resumed after an interruption, never with other content."""
 
 import bz2
 import hashlib

@@ -1,4 +1,4 @@
-"""Absolute and relative trajectory errors by what must not change them and by what is known of them."""
+"""Absolute and relative trajectory errors: invariances and known values."""
 
 import numpy as np
 import pytest

@@ -31,7 +31,7 @@ def mapped(log, config=None):
 
 
 def errors_of(simulation, poses):
-    """Absolute errors of a pose a scan against the truth."""
+    """Absolute errors of one pose for each scan against the truth."""
     stamps = simulation.log.stamps_s
     return trajectory_errors(stamps, poses, stamps, simulation.truth)
 

@@ -54,7 +54,7 @@ def test_loops_take_out_the_drift_that_matching_leaves():
 
 
 def test_no_loop_edge_joins_places_that_are_apart():
-    """Every edge is off the truth by what its local grid may be bent by, no more."""
+    """The error of every edge is within the possible bend of its local grid."""
     for building in (1, 2, 3):
         simulation = drive(building, SHORT_SIGHTED, BENT)
         graph = mapped(simulation.log).graph
@@ -133,7 +133,7 @@ def test_exact_odometry_along_a_bare_corridor_stays_exact():
 
 
 def test_a_loop_of_bare_corridors_is_as_long_as_it_is():
-    """Along each corridor the odometry alone knows the way; the corners and the closed loop say the rest."""
+    """Along each corridor only the odometry observes the motion; the corners and the closed loop give the rest."""
     simulation = simulate(corridor_loop())
     found = errors_of(simulation, mapped(simulation.log).graph.scan_poses())
     assert found.translation_rmse_m < 0.15
@@ -141,7 +141,7 @@ def test_a_loop_of_bare_corridors_is_as_long_as_it_is():
 
 @pytest.mark.parametrize("scale", [1.0, 1.03])
 def test_along_a_bare_corridor_the_odometry_decides(scale):
-    """The walls say nothing of the way along them: what the wheels report stays, 3 % too much or not."""
+    """The walls do not observe the motion along them: the reported motion stays, even if it is 3 % too long."""
     world = corridor_loop()
     route = np.array([(17.0, 1.0), (17.0, 20.0)])
     odometry = replace(OdometryModel.exact(), translation_scale=scale)
@@ -226,7 +226,7 @@ def test_below_the_least_score_an_edge_takes_on_the_odometrys_covariance():
 
 
 def test_what_matches_tell_cancels_along_the_trajectory_and_what_odometry_tells_adds_up():
-    """Across a bare corridor the matches hold the robot, along it nothing but the odometry does."""
+    """Across a bare corridor the matches constrain the robot, along it only the odometry does."""
     covariance, drift, odometry = edge_of(1.0, (1e-9, 60.0, 400.0))
     assert covariance[0, 0] == pytest.approx(odometry[0, 0], rel=1e-3)
     assert drift[0, 0] == pytest.approx(covariance[0, 0], rel=1e-3)

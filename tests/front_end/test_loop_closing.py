@@ -1,4 +1,4 @@
-"""Which places are looked at as loops: by hand-made trajectories and covariances."""
+"""Which places are candidates for loops: by hand-made trajectories and covariances."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Found on the map of long ago, from farther away than loops are searched."""
+"""Relocation on an old part of the map, from farther away than the reach of the loop search."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tracking one scan: plain matching where all is well, hypotheses where the odometry leads astray."""
+"""Tracking one scan: plain matching in normal cases, hypotheses where the odometry is far off."""
 
 from dataclasses import replace
 

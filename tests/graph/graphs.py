@@ -46,7 +46,7 @@ def random_graph(seed: int, nodes: int = 12, loops: int = 8, noise: float = 1.0)
 
 
 def grid_graph(side: int) -> PoseGraph:
-    """A square of so many nodes by so many, a metre apart, each joined to its neighbours by what is true."""
+    """A square grid of nodes, a metre apart, each joined to its neighbours by true measurements."""
     row, column = np.divmod(np.arange(side * side), side)
     poses = np.column_stack((column, row, np.zeros(side * side))).astype(np.float64)
     vertices = np.arange(side * side).reshape(side, side)

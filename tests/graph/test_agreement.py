@@ -1,4 +1,4 @@
-"""Loops that confirm each other, and what graduated non-convexity makes of them."""
+"""Loops that confirm each other, and their use in graduated non-convexity."""
 
 from __future__ import annotations
 

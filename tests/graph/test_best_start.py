@@ -51,7 +51,7 @@ def test_the_chordal_start_saves_a_ring_that_is_wound_twice():
 
 @pytest.mark.parametrize("kernel", ["dcs", "cauchy"])
 def test_with_a_kernel_its_cost_decides(kernel):
-    """chi2 counts a false loop in full, so the end that lets it go has the larger chi2 and the lower cost."""
+    """chi2 counts a false loop in full, so the end that rejects it has the larger chi2 and the lower cost."""
     graph = random_graph(3, nodes=40, loops=30)
     graph.measurements[-1] += (30.0, -20.0, 2.0)
     found = optimize_from(graph, kernel=kernel_of(kernel))

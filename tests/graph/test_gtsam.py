@@ -1,8 +1,9 @@
 """The back end beside GTSAM's, and the optima published for public graphs.
 
-GTSAM's error is the logarithm of ours. The two agree where residuals vanish and part in the second order of them: chi2
-by the third order, and the Jacobians, hence the covariances, by the first (half the residual angle, some 0.01 rad on
-these graphs). So covariances are compared tightly on the same graphs with residuals of zero, loosely as they are.
+GTSAM's error is the logarithm of ours. The two agree for zero residuals and differ in their second order: chi2 by the
+third order, and the Jacobians, and so the covariances, by the first (half the residual angle, some 0.01 rad on these
+graphs). So covariances are compared with a tight tolerance on the same graphs with residuals of zero, and with a loose
+one on the graphs as they are.
 """
 
 from __future__ import annotations
@@ -113,5 +114,5 @@ def test_gtsam_stays_where_rotations_first_lead_m3500a():
     graph = read_public_graph("M3500a")
     result = optimize(graph.with_poses(starting_poses(graph, "chordal")))
     twin = Twin(graph.with_poses(result.poses))
-    # The larger the residuals, the more its logarithm makes of them: 912.19 against 912.12.
+    # With larger residuals, the difference of its logarithm grows: 912.19 against 912.12.
     assert result.chi2_final < twin.chi2 < 1.0002 * result.chi2_final

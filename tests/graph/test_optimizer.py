@@ -1,4 +1,4 @@
-"""The optimum: against dense algebra, and by what may not change it."""
+"""The optimum: against dense algebra, and its invariances."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_system_serves_again_with_the_same_result():
     other = replace(graph, information=2.0 * graph.information, poses=perturbed(graph, 5, 0.02).poses)
     again = optimize(other, TIGHT, system=first.system)
     assert_same_poses(again.poses, optimize(other, TIGHT).poses)
-    # The factor asked for late is that of its own result, not of the last one.
+    # A factor that is requested late belongs to its own result, not to the last one.
     fresh = optimize(graph)
     np.testing.assert_array_equal(first.factorization.lower, fresh.factorization.lower)
     assert first.system.matches(other)

@@ -24,7 +24,7 @@ ALL = [*(kernel_of(name, PHI) for name in KERNELS), *(TruncatedQuadratic(PHI, mu
 
 
 def values_off_the_kinks(kernel):
-    """chi2 over ten orders of magnitude, a hair's breadth from where a weight may jump."""
+    """chi2 over ten orders of magnitude, slightly away from values where a weight may jump."""
     chi2 = np.geomspace(1e-4, 1e6, 500)
     edges = [PHI]
     if isinstance(kernel, TruncatedQuadratic) and math.isfinite(kernel.mu):

@@ -1,4 +1,4 @@
-"""Optimization with kernels: against finite differences and dense algebra, and by what false loops may not do."""
+"""Optimization with kernels: against finite differences and dense algebra, and robustness against false loops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Public graphs from odometry, with the false loops that they came with or were given."""
+"""Public graphs from odometry, with their own false loops or added ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a surface grid holds, by the cells' row and column, whatever its tiles are called."""
+"""The content of a surface grid, by the cells' row and column, independent of the numbers of its tiles."""
 
 import numpy as np
 

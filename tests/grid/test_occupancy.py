@@ -1,4 +1,4 @@
-"""The occupancy map: against its plain twin, and what it must and must not say."""
+"""The occupancy map: against its plain twin, and on cases with a known answer."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The surface grid against its plain twin, and what must hold whatever was put into it."""
+"""The surface grid against its plain twin, and properties that hold for all input."""
 
 import math
 

@@ -63,7 +63,7 @@ def test_a_pose_off_by_less_than_scores_can_tell_fits_worse_by_far(seed):
 
 
 def test_along_a_bare_corridor_no_pose_is_clearly_better():
-    """Neither for falling on the same points again, nor for keeping within what has been seen."""
+    """Neither because points fall on the same points again, nor because they stay in the area that was seen."""
     walls = np.array([[-50.0, -1.0, 50.0, -1.0], [-50.0, 1.0, 50.0, 1.0]])
     laser = LaserGeometry(180, -np.pi / 2, np.pi / 180.0, 8.0)
     poses = np.column_stack((0.3 * np.arange(20), np.zeros(20), np.zeros(20)))

@@ -28,7 +28,7 @@ def rmse(simulation, graph):
 
 
 def bias(graph, node, step):
-    """Puts an edge off, as sure of itself as before, and optimizes: Figure 4 (1) and (2)."""
+    """Displaces an edge, with its covariance unchanged, and optimizes: Figure 4 (1) and (2)."""
     chains = graph.chains
     wrong = se2.compose(chains.edges[node], step)
     chains.replace({node: OdometryEdge(wrong, chains.covariances[node], chains.drifts[node])})
@@ -99,7 +99,7 @@ def test_bare_corridors_are_as_long_as_the_speed_before_and_after_says():
     assert rmse(simulation, graph) > 0.5
     iterate(graph)
     assert rmse(simulation, graph) < 0.15
-    # In the middle of the right corridor, nothing says how far the robot went but its speed: the edge says so.
+    # In the middle of the right corridor, only the speed shows how far the robot went: the edge's covariance says so.
     at = np.flatnonzero(np.abs(simulation.path_m[graph.hung.node_scan] - 23.0) < 1.5)
     along = np.sqrt(graph.chains.covariances[at][:, 0, 0])
     across = np.sqrt(graph.chains.covariances[at][:, 1, 1])

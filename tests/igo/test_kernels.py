@@ -1,4 +1,4 @@
-"""What scan and grid agree on, against the plain twin and against noise."""
+"""The information that scan and grid have in common, against the plain twin and against noise."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a match knows, less what is noise."""
+"""The information of a match without the noise."""
 
 import numpy as np
 from hypothesis import given

@@ -36,7 +36,7 @@ def test_a_clean_log_is_mapped_as_well_as_before_at_most_a_millimetre_worse(name
 
 @pytest.mark.slow
 def test_where_wheels_slipped_the_error_is_less_than_half():
-    """30 slips of 90 % over 2 m along intel: some matches fell into a wrong basin with a score that nobody doubts."""
+    """30 slips of 90 % over 2 m along intel: some matches fell into a wrong basin with a score that is not doubtful."""
     clean = read_carmen(data_path("logs/intel.clf.bz2"))
     true = read_relations(data_path("relations/intel.relations"))
     log = slip_log(clean, SlipModel("along", count=30, share=0.9, length_m=2.0), 0).log
@@ -50,7 +50,7 @@ def test_where_wheels_slipped_the_error_is_less_than_half():
 
 @pytest.mark.slow
 def test_the_loops_that_close_fr_clinic_the_long_way_round_stay():
-    """The robot stood 2 m beside its start in the end; the loops that say so join nodes 800 m of way apart."""
+    """In the end the robot was 2 m beside its start; the loops that show this join nodes 800 m of path apart."""
     log = read_carmen(data_path("logs/fr-clinic.clf.bz2"))
     graph = FrontEnd(log.scans.geometries, Config()).run(log)
     iterate(graph)

@@ -1,4 +1,4 @@
-"""A steady speed where matches say nothing, a change of speed where they say so."""
+"""A steady speed where matches observe nothing, a change of speed where they observe one."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Conversions that keep everything come back the same; what is lost is said; what makes no sense is refused."""
+"""Lossless conversions can be undone; losses are reported; conversions that make no sense are refused."""
 
 from dataclasses import replace
 

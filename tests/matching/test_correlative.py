@@ -1,4 +1,4 @@
-"""The correlative search: branch and bound against all poses there are, and what it must find."""
+"""The correlative search: branch and bound against all poses, and on known poses."""
 
 import numpy as np
 import pytest

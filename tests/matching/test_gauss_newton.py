@@ -1,4 +1,4 @@
-"""Gauss-Newton on surfaces: against derivatives of the robust cost, and by what it must recover."""
+"""Gauss-Newton on surfaces: against derivatives of the robust cost, and on known poses."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The report of a real log: how large it is, and how soon it stands."""
+"""The report of a real log: its size, and the time until it is shown."""
 
 import statistics
 

@@ -47,7 +47,7 @@ def test_the_covariance_along_the_chain_is_that_of_samples():
 
 
 def test_errors_of_nodes_within_a_stretch_cancel_and_its_drift_does_not():
-    """Samples of what an edge's covariance stands for: nodes matched with errors of their own on a drifting grid."""
+    """Samples of the model of an edge's covariance: nodes matched with independent errors on a drifting grid."""
     nodes, share, std = 7, 0.1, np.array([0.01, 0.02, 0.003])
     rng = np.random.default_rng(3)
     covariance = np.diag(std**2)
@@ -96,7 +96,7 @@ def test_where_all_of_the_errors_add_up_there_are_no_stretch_edges():
 
 
 def test_along_a_corridor_stretch_edges_tell_what_the_walls_do_and_nothing_of_the_way():
-    """Across and in heading the matches cancel; along, only the odometry counted, and adds up."""
+    """Across and in heading the errors of the matches cancel; along the corridor, the odometry's errors add up."""
     covariance, drift = np.diag([1e-2, 1e-4, 1e-6]), np.diag([1e-2, 6e-6, 6e-8])
     chains = straight(17, covariance, drift).chains
     assert chains.stretches

@@ -1,4 +1,4 @@
-"""Where scans are when the nodes that they hang on move."""
+"""The poses of scans when their nodes move."""
 
 import numpy as np
 from hypothesis import given, settings

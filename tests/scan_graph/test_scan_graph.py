@@ -1,4 +1,4 @@
-"""What a graph of scans gives away: the pose graph of its nodes and edges."""
+"""The pose graph of a graph of scans."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The log says what happened, with the faults that were asked for and no others."""
+"""The log contains the true motion with the given faults and no others."""
 
 import time
 from dataclasses import replace

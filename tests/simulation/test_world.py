@@ -1,4 +1,4 @@
-"""Buildings can be driven through, are what they say, and come out the same each time."""
+"""Buildings can be driven through, have the given properties, and are the same each time."""
 
 import numpy as np
 import pytest

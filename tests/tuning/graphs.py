@@ -42,7 +42,7 @@ def room_of_two_valleys():
 
 
 def hopeless_room():
-    """A graph whose odometry is false once, by a step that no kernel doubts, and whose loops say the same."""
+    """A graph with one wrong odometry edge, which no kernel doubts, and with loops that agree with it."""
     graph, _ = doubtful_room(0)
     measurements = graph.measurements.copy()
     measurements[29, :2] += 0.6

@@ -68,10 +68,10 @@ def test_finalists_are_the_lowest_and_of_one_map_the_one_that_trusts_the_loops_m
 def test_valleys_are_the_curves_minima_that_are_deep_enough():
     sums_m = curve(5.0, 2.0, 3.0, 1.0, 1.001, 1.0005, 4.0, 1.5)
     assert valleys(sums_m, 3.0) == [3.0, 7.0, 1.0]
-    # What lies in the same valley is not asked again, though the sample has it a little lower.
+    # Values in the same valley are not checked again, although they are a little lower in the sample.
     assert valleys(sums_m, 5.0) == [5.0, 7.0, 1.0]
     assert valleys(curve(1.0, 1.0, 1.0), 2.0) == [2.0]
-    # The map of the plateau at the end is asked too, before a valley that is higher.
+    # The map of the plateau at the end is checked too, before a valley that is higher.
     assert valleys(curve(5.0, 4.0, 4.5, 1.0, 3.0, 3.0, 3.0), 3.0) == [3.0, 6.0, 1.0]
     assert valleys(curve(5.0, 1.0, 1.00005, 1.00005), 1.0) == [1.0]
     assert valleys({0.0: 0.0}, 0.0) == [0.0]

@@ -1,4 +1,4 @@
-"""The parameter that gives the most consistent map: found, told, and the same for any number of threads."""
+"""The parameter of the most consistent map: found, reported, and the same for any number of threads."""
 
 from dataclasses import replace
 

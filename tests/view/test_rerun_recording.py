@@ -1,4 +1,4 @@
-"""``mapmend view``: what it writes opens in rerun's own tool; what is missing is told in one line."""
+"""``mapmend view``: rerun's own tool opens its output; what is missing is reported in one line."""
 
 import json
 import os

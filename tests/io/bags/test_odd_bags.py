@@ -1,4 +1,4 @@
-"""Bags as people have them: without odometry, with two lasers, without a frame, cut off: a line, or a map and notes."""
+"""Odd bags: without odometry, with two lasers, without a frame, incomplete. They are refused, or mapped with notes."""
 
 import contextlib
 import json

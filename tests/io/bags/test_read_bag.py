@@ -104,7 +104,7 @@ def test_scans_outside_the_odometry_take_the_nearest_pose_and_are_counted(tmp_pa
 
 
 def test_two_clocks_are_joined_by_the_times_of_recording(tmp_path):
-    """A laser that counts from its start, beside wheels that know the date."""
+    """A laser with stamps from its own start, and odometry with stamps of the date."""
     with BagWriter(tmp_path / "a.mcap", "bare mcap") as bag:
         for k in range(5):
             now = 1_700_000_000 * 10**9 + k * 10**8
