@@ -20,7 +20,7 @@ REACH_CELLS = 4
 
 GRID_LENGTHS = 1.5
 """How much of the trajectory after a key-node's first node its local grid may hold, in lengths T_l: the key-node's own
-nodes and half a length on (`local_grid` in front_end/key_nodes.py). A node nearer than this may be in the grid."""
+nodes and half a length on (`local_grid` in scan_graph/key_nodes.py). A node nearer than this may be in the grid."""
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from mapmend.config import Config
+from mapmend.config import Config, LoopConfig
 from mapmend.front_end.loop_closing import Candidate, LoopSearch
-from tests.front_end.logs import empty_log
+from mapmend.simulation import World, simulate
+from mapmend.simulation._shapes import closed_line
+from tests.front_end.logs import empty_log, mapped
 from tests.scan_graph.graphs import graph_of
 
 CONFIG = Config()
@@ -88,3 +90,23 @@ def test_the_relative_covariance_grows_with_the_way_between():
     sizes = [np.linalg.det(search._relative_covariance(Candidate(0, node))) for node in range(0, chains.last, 10)]
     assert sizes == sorted(sizes, reverse=True)
     assert np.all(np.linalg.eigvalsh(search._relative_covariance(Candidate(0, 0))) > 0.0)
+
+
+def on_grids_that_hold_them(min_separation_m):
+    """The loop edges of two rounds in a room, T_l of 10 m, whose node's own scan is in the grid it was matched on."""
+    room = closed_line([(0.0, 0.0), (3.0, 0.0), (3.0, 0.4), (6.0, 0.4), (6.0, 5.5), (4.0, 5.5), (4.0, 6.0), (0.0, 6.0)])
+    corners = [(1.5, 1.5), (4.5, 1.5), (4.5, 4.5), (1.5, 4.5)]
+    drive = simulate(World(room, "room", np.array([*corners, *corners, corners[0]])), seed=1)
+    config = Config().with_settings({"key_nodes.trajectory_length_m": 10.0, "loops.min_separation_m": 15.0})
+    # Past the rule between the two settings, which refuses less than 15 m.
+    object.__setattr__(config, "loops", LoopConfig(min_separation_m=min_separation_m))
+    graph = mapped(drive.log, config).graph
+    assert graph.loops
+    grids = [(edge, graph.key_nodes.local_grid(int(graph.key_nodes.of_node[edge.anchor]))) for edge in graph.loops]
+    return [edge for edge, grid in grids if grid.begin <= edge.node < grid.begin + len(grid.poses)]
+
+
+def test_no_scan_is_matched_as_a_loop_on_a_grid_that_holds_it():
+    """T_l and the least separation of 10 m each, which `Config` refuses: loop edges that agree with themselves."""
+    assert on_grids_that_hold_them(min_separation_m=10.0)
+    assert not on_grids_that_hold_them(min_separation_m=15.0)
