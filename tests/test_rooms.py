@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 LEVELS = (
     {"errors", "version"},
+    {"settings"},
     {"interrupts", "parallel", "geometry", "config", "scan", "maps"},
     {"trajectory", "datasets"},
     {"kernel_cache"},
