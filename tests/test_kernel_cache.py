@@ -22,7 +22,7 @@ from mapmend.matching.gauss_newton import SurfaceMatcher
 from numba.core import event
 
 grid = SurfaceGrid()
-grid.arrays[2][0] = -1
+grid.tiles.evidence[0] = -1
 compiled = []
 class Listener(event.Listener):
     def on_start(self, event):

@@ -44,13 +44,14 @@ FORMATS_KNOW = {"pose_graph", "checks", "spanning_tree"}
 PRIVATE_USERS = {
     "mapmend.grid._kernels": {
         "mapmend.matching._kernels",
-        "mapmend.scan_graph.points",
+        "mapmend.matching._surface_kernels",
         "mapmend.igo._kernels",
         "mapmend.baselines._filter_kernels",
         "mapmend.baselines._map_kernels",
         "mapmend.baselines.particle_maps",
     },
-    "mapmend.matching._kernels": {"mapmend.igo._kernels", "mapmend.baselines._filter_kernels"},
+    "mapmend.grid._projection_kernels": {"mapmend.scan_graph.points"},
+    "mapmend.matching._surface_kernels": {"mapmend.igo._kernels", "mapmend.baselines._filter_kernels"},
 }
 """Modules whose name begins with an underscore, and who may import them from another room: kernels call the kernels
 that look up a cell and match a point, which Numba inlines; points are made by the grid's own projection."""

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from mapmend.baselines._map_kernels import ACROSS
-from mapmend.grid._kernels import REACH, TILE, TILE_CELLS
+from mapmend.grid._kernels import REACH, TILE, TILE_CELLS, Tiles
 from tests.grid.contents import Contents
 
 
@@ -21,4 +21,5 @@ def contents_of(maps, p):
                 step_r, step_c = divmod(int(ways[cell]) - 1, ACROSS)
                 r, c = row * TILE + k // TILE + step_r - REACH, column * TILE + k % TILE + step_c - REACH
                 nearest[cell] = table[r // TILE, c // TILE] * TILE_CELLS + r % TILE * TILE + c % TILE
-    return Contents(SimpleNamespace(table=table, frame=maps.frame, arrays=(surface, returns, evidence, nearest)))
+    tiles = Tiles(table, maps.frame, surface, returns, evidence, nearest, None, maps.cell_size_m)
+    return Contents(SimpleNamespace(tiles=tiles))

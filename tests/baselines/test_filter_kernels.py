@@ -28,8 +28,7 @@ class Mapped:
 
     def __init__(self, seed):
         self.scene = Scene(seed)
-        self.maps, self.grid = ParticleMaps(1, SIZE_M), SurfaceGrid(SIZE_M)
-        self.grid._settings[2] = 1.0
+        self.maps, self.grid = ParticleMaps(1, SIZE_M), SurfaceGrid(SIZE_M, clearing_stride=1)
         for k, pose in enumerate(self.scene.poses[::2]):
             points = self.scene.scan_at(pose, k)
             settings = self.maps.claim(points, np.zeros(3), pose[None])

@@ -26,8 +26,7 @@ def insert(maps, points, poses):
 
 
 def test_a_particle_alone_has_the_surface_grid_with_all_beams_clearing(scene):
-    maps, grid = ParticleMaps(1, SIZE_M), SurfaceGrid(SIZE_M)
-    grid._settings[2] = 1.0
+    maps, grid = ParticleMaps(1, SIZE_M), SurfaceGrid(SIZE_M, clearing_stride=1)
     for k, pose in enumerate(scene.poses[::3]):
         points = scene.scan_at(pose, k)
         insert(maps, points, pose[None])

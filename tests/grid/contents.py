@@ -12,12 +12,13 @@ class Contents:
     """
 
     def __init__(self, grid):
-        surface, returns, evidence, nearest = grid.arrays
+        tiles = grid.tiles
+        surface, returns, evidence, nearest = tiles.surface, tiles.returns, tiles.evidence, tiles.nearest
         self.cells_of_tiles = {}
-        rows, columns = np.nonzero(grid.table >= 0)
+        rows, columns = np.nonzero(tiles.table >= 0)
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            corner = ((row + int(grid.frame[1])) * TILE, (column + int(grid.frame[2])) * TILE)
-            self.cells_of_tiles[int(grid.table[row, column])] = corner
+            corner = ((row + int(tiles.frame[1])) * TILE, (column + int(tiles.frame[2])) * TILE)
+            self.cells_of_tiles[int(tiles.table[row, column])] = corner
         self.mean, self.returns, self.evidence, self.nearest = {}, {}, {}, {}
         for tile in self.cells_of_tiles:
             part = slice(tile * TILE_CELLS, (tile + 1) * TILE_CELLS)

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapmend.grid import _kernels
+from mapmend.grid._projection_kernels import Laser
+from mapmend.grid._projection_kernels import project_scan as compiled_project_scan
 from tests.reference.surface_grid import project_scan
 
 readings = st.one_of(st.floats(0.0625, 12.0, width=32), st.sampled_from([np.inf, np.nan, 0.03125]))
@@ -34,10 +35,10 @@ def test_projected_points_and_normals_are_those_of_the_plain_twin(drawn, mountin
         else:  # something near here and there, before what is behind
             ranges = np.where(np.array(ranges) > 3.0, ranges[0] + 4.0, near)
     ranges = np.array(ranges, dtype=np.float32)
-    limits = np.array([0.05, 10.0, 0.1, 0.03, away, away_m])
+    limits = (0.05, 10.0, 0.1, 0.03, away, float(away_m))
     expected = project_scan([float(r) for r in ranges], bearings, limits, mounting)
     points = np.full((len(ranges), 5), 7.0)
-    count = _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), limits, np.array(mounting), points)
+    count = compiled_project_scan(ranges, laser(bearings, limits, mounting), points)
     assert count == len(expected)
     np.testing.assert_allclose(points[:count], np.array(expected).reshape(-1, 5), atol=1e-9)
 
@@ -49,12 +50,17 @@ def test_normals_of_a_wall_look_at_the_laser():
     assert np.all(points[[0, -1], 2:4] == 0.0)
 
 
+def laser(bearings, limits, mounting=(0.0, 0.0, 0.0)):
+    """A `Laser`; ``limits`` are its fields after the mounting."""
+    return Laser(np.cos(bearings), np.sin(bearings), np.array(mounting), *limits)
+
+
 def projected(ranges, bearings):
     """The points of a laser in the robot's centre; a row for every reading, none of which may be left out."""
     points = np.full((len(bearings), 5), 7.0)
-    limits = np.array([0.05, 100.0, 0.1, 0.03, 1, 0])
+    limits = (0.05, 100.0, 0.1, 0.03, 1, 0.0)
     ranges = np.array(ranges, dtype=np.float32)
-    count = _kernels.project_scan(ranges, np.cos(bearings), np.sin(bearings), limits, np.zeros(3), points)
+    count = compiled_project_scan(ranges, laser(bearings, limits), points)
     assert count == np.isfinite(ranges).sum()
     return points[:count]
 
@@ -89,14 +95,8 @@ def test_what_lies_on_no_line_with_its_neighbours_has_no_normal(middle):
     """Two degrees apart: the stairs' middle is 7 cm off the line of its neighbours."""
     bearings = np.radians(np.arange(3) * 2.0 + 40.0)
     rows = np.zeros((3, 5))
-    count = _kernels.project_scan(
-        np.array(middle, dtype=np.float32),
-        np.cos(bearings),
-        np.sin(bearings),
-        np.array([0.05, 30.0, 0.1, 0.03, 1, 0]),
-        np.zeros(3),
-        rows,
-    )
+    seen = laser(bearings, (0.05, 30.0, 0.1, 0.03, 1, 0.0))
+    count = compiled_project_scan(np.array(middle, dtype=np.float32), seen, rows)
     assert np.all(rows[:count, 2:4] == 0.0)
 
 

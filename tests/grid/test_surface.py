@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmend.geometry import se2
+from mapmend.grid._kernels import Room
 from mapmend.grid.surface import SurfaceGrid
 from tests.grid.contents import Contents, around
 from tests.reference.surface_grid import REACH, PlainGrid, nearest_distance
@@ -162,11 +163,11 @@ def test_a_grid_that_grew_is_one_that_was_large_from_the_start():
     poses = np.column_stack((np.linspace(-40, 40, 30), 25.0 * np.sin(np.arange(30)), rng.uniform(-3, 3, 30)))
     scans = [random_scan(rng, 90, 6.0) for _ in poses]
     large, grown = SurfaceGrid(SIZE), SurfaceGrid(SIZE)
-    large._make_room(np.array([-60, -60, 60, 60]))
+    large._make_room(Room(-60, -60, 60, 60, False))
     for scan, pose in zip(scans, poses, strict=True):
         large.insert(scan, np.zeros(3), pose)
         grown.insert(scan, np.zeros(3), pose)
-    assert large.table.size > grown.table.size
+    assert large.tiles.table.size > grown.tiles.table.size
     assert Contents(large) == Contents(grown)
 
 
@@ -176,10 +177,10 @@ def test_memory_follows_the_area_seen_and_not_the_time():
     scans = [random_scan(rng, 90, 4.0) for _ in range(5)]
     for k in range(20):
         grid.insert(scans[k % 5], np.zeros(3), np.zeros(3))
-    tiles, cells = int(grid.frame[0]), len(grid.arrays[1])
+    tiles, cells = int(grid.tiles.frame[0]), len(grid.tiles.returns)
     for k in range(300):
         grid.insert(scans[k % 5], np.zeros(3), np.zeros(3))
-    assert (int(grid.frame[0]), len(grid.arrays[1])) == (tiles, cells)
+    assert (int(grid.tiles.frame[0]), len(grid.tiles.returns)) == (tiles, cells)
 
 
 @pytest.mark.parametrize("inserted", [12, 13, 14])

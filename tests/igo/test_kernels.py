@@ -8,15 +8,15 @@ from tests.grid.contents import Contents
 from tests.matching.scenes import scene
 from tests.reference import igo as reference
 
-SETTINGS = np.array([0.05, 0.2, 0.1])
+SIZE_M, REACH_M, HALF_WEIGHT_M = 0.05, 0.2, 0.1
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_shared_normals_are_those_of_the_plain_twin(seed):
     s = scene(seed)
-    points, axis, result = s.scan_at(s.here, 7), np.array([0.6, 0.8]), np.zeros(2)
+    points, axis = s.scan_at(s.here, 7), np.array([0.6, 0.8])
     pose = s.here + np.array([0.03, -0.02, 0.01])
-    _kernels.shared_normals(s.grid.table, s.grid.frame, s.grid.arrays, points, pose, axis, SETTINGS, result)
-    terms = reference.shared_normals(Contents(s.grid), points, pose, axis, *SETTINGS)
+    result = _kernels.shared_normals(s.grid.tiles, points, pose, axis, REACH_M, HALF_WEIGHT_M)
+    terms = reference.shared_normals(Contents(s.grid), points, pose, axis, SIZE_M, REACH_M, HALF_WEIGHT_M)
     assert len(terms) > 100
     np.testing.assert_allclose(result, (terms.sum(), (terms**2).sum()), rtol=1e-6)

@@ -20,15 +20,9 @@ offsets = st.tuples(st.floats(-0.12, 0.12), st.floats(-0.12, 0.12), st.floats(-0
 
 
 def raw_match(grid, points, start, prior=NO_PRIOR, iterations=0):
-    """The kernel itself, its thirteen results: by default only the sums at ``start``."""
-    result = np.zeros(13)
-    settings_ = np.array([SIZE, 0.2, 0.1, 0.03, iterations, 1e-4, 1.0])
-    _kernels.match_points(grid.table, grid.frame, grid.arrays, points, np.array(start), prior, settings_, result)
-    return result
-
-
-def matrix(result):
-    return result[[[7, 8, 9], [8, 10, 11], [9, 11, 12]]]
+    """What the kernel itself says: by default only the sums at ``start``."""
+    settings_ = _kernels.MatchSettings(0.2, 0.1, 0.03, iterations, 1e-4, 1.0, True)
+    return _kernels.match_points(grid.tiles, points, np.array(start), prior, settings_)
 
 
 @settings(max_examples=12, deadline=None)
@@ -38,7 +32,7 @@ def test_the_normal_matrix_is_that_of_numerical_derivatives(seed, offset):
     points, start = s.scan_at(s.here, 1), se2.compose(s.here, offset)
     pairs = associations(Contents(s.grid), points, start, SIZE, 0.2)
     expected = normal_matrix(pairs, points, start, 0.1)
-    np.testing.assert_allclose(matrix(raw_match(s.grid, points, start)), expected, rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(raw_match(s.grid, points, start).normal_matrix, expected, rtol=1e-4, atol=1e-3)
 
 
 @settings(max_examples=12, deadline=None)
@@ -48,8 +42,8 @@ def test_a_step_is_that_of_the_robust_costs_gradient(seed, offset):
     points, start = s.scan_at(s.here, 2), se2.compose(s.here, offset)
     pairs = associations(Contents(s.grid), points, start, SIZE, 0.2)
     expected = gradient(lambda p: robust_cost(pairs, points, p, 0.1), start)
-    step = raw_match(s.grid, points, start, iterations=1)[:3] - start
-    np.testing.assert_allclose(-matrix(raw_match(s.grid, points, start)) @ step, expected, rtol=1e-3, atol=1e-3)
+    step = raw_match(s.grid, points, start, iterations=1).pose - start
+    np.testing.assert_allclose(-raw_match(s.grid, points, start).normal_matrix @ step, expected, rtol=1e-3, atol=1e-3)
 
 
 def posts(seed=0, count=30):
@@ -73,11 +67,11 @@ def test_the_normal_matrix_and_the_step_on_posts_are_those_of_their_thin_points_
     start = np.array(offset)
     pairs = associations(Contents(grid), points, start, SIZE, 0.2)
     result = raw_match(grid, points, start)
-    np.testing.assert_allclose(matrix(result), normal_matrix(pairs, points, start, 0.1), rtol=1e-4, atol=1e-3)
-    assert result[3] == len(associations(Contents(grid), points, start, SIZE, 0.1))  # whether thin or not
-    step = raw_match(grid, points, start, iterations=1)[:3] - start
+    np.testing.assert_allclose(result.normal_matrix, normal_matrix(pairs, points, start, 0.1), rtol=1e-4, atol=1e-3)
+    assert result.matched == len(associations(Contents(grid), points, start, SIZE, 0.1))  # whether thin or not
+    step = raw_match(grid, points, start, iterations=1).pose - start
     expected = gradient(lambda p: robust_cost(pairs, points, p, 0.1), start)
-    np.testing.assert_allclose(-matrix(result) @ step, expected, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(-result.normal_matrix @ step, expected, rtol=1e-3, atol=1e-3)
 
 
 @settings(max_examples=25, deadline=None)
@@ -94,15 +88,12 @@ def test_posts_hold_in_every_direction_and_other_points_without_a_direction_in_n
 
 @settings(max_examples=8, deadline=None)
 @given(scene_seeds, offsets)
-def test_counts_and_sums_are_those_of_the_definition(seed, offset):
+def test_the_count_of_matched_points_is_that_of_the_definition(seed, offset):
     s = scene(seed)
     points, start = s.scan_at(s.here, 3), se2.compose(s.here, offset)
     contents = Contents(s.grid)
     result = raw_match(s.grid, points, start)
-    assert result[3] == len(associations(contents, points, start, SIZE, 0.1))
-    tiles = set(contents.cells_of_tiles.values())
-    there = np.floor(se2.transform_points(start, points[:, :2]) / (32 * SIZE)).astype(int) * 32
-    assert result[4] == sum((row, column) in tiles for column, row in there.tolist())
+    assert result.matched == len(associations(contents, points, start, SIZE, 0.1))
 
 
 @settings(max_examples=10, deadline=None)
@@ -114,10 +105,10 @@ def test_a_prior_pulls_as_hard_as_its_information_says(seed, offset):
     expected_pose = se2.compose(s.here, offset)
     prior = prior_at(expected_pose, np.diag([0.002, 0.003, 0.001]) ** 2)
     result = raw_match(s.grid, points, s.here, prior, iterations=40)
-    pose = result[:3]
+    pose = result.pose
     pairs = associations(Contents(s.grid), points, pose, SIZE, 0.2)
     surfaces = gradient(lambda p: robust_cost(pairs, points, p, 0.1), pose)
-    variance = max(0.03**2, result[6] / result[5])
+    variance = max(0.03**2, result.squares / result.weights)
     difference = pose - expected_pose
     difference[2] = float(se2.wrap_angle(difference[2]))
     pull = variance * prior[:3] @ difference
@@ -217,8 +208,8 @@ def test_the_other_side_of_a_wall_is_no_counterpart():
     seen = np.column_stack((x, np.full(81, 1.0), np.zeros(81), np.full(81, -1.0), np.zeros(81)))
     grid.insert(seen, np.zeros(3), np.zeros(3))
     behind = seen * (1.0, 1.0, 1.0, -1.0, 1.0)
-    assert raw_match(grid, seen, (0.0, 0.05, 0.0))[3] > 70
-    assert raw_match(grid, behind, (0.0, 0.05, 0.0))[3] == 0
+    assert raw_match(grid, seen, (0.0, 0.05, 0.0)).matched > 70
+    assert raw_match(grid, behind, (0.0, 0.05, 0.0)).matched == 0
 
 
 def test_a_thin_wall_seen_from_both_sides_is_a_counterpart_for_both():
@@ -229,8 +220,8 @@ def test_a_thin_wall_seen_from_both_sides_is_a_counterpart_for_both():
     for _ in range(3):
         grid.insert(seen, np.zeros(3), np.zeros(3))
         grid.insert(behind, np.array([0.0, 2.0, 0.0]), np.zeros(3))
-    assert raw_match(grid, seen, (0.0, 0.02, 0.0))[3] > 70
-    assert raw_match(grid, behind, (0.0, 0.02, 0.0))[3] > 70
+    assert raw_match(grid, seen, (0.0, 0.02, 0.0)).matched > 70
+    assert raw_match(grid, behind, (0.0, 0.02, 0.0)).matched > 70
 
 
 @settings(max_examples=10, deadline=None)

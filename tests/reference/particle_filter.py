@@ -2,7 +2,7 @@
 
 import math
 
-from mapmend.matching._kernels import COHERENT, ONE_SIDED, OTHER_SIDE
+from mapmend.matching._surface_kernels import COHERENT, ONE_SIDED, OTHER_SIDE
 
 
 def log_likelihood(contents, points, pose, settings):

@@ -9,7 +9,7 @@ import numpy as np
 from mapmend.baselines._map_kernels import nearest_surface
 from mapmend.grid._kernels import cell_at
 from mapmend.kernel_cache import kernel
-from mapmend.matching._kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER_SIDE, wrap
+from mapmend.matching._surface_kernels import CLUTTER_WEIGHT, COHERENT, ONE_SIDED, OTHER_SIDE, wrap
 
 # Samples are this many standard deviations from the mode along each axis of the posterior, on both sides, and at the
 # mode: of all lattices of 27, this one has the smallest error in the variance of a Gaussian (7 % too low).

@@ -1,22 +1,17 @@
-"""Kernels of the surface grid: arrays in, arrays out. Their plain twins are in tests/reference.
+"""Kernels of grids of surfaces: arrays in, arrays out. Their plain twins are in tests/reference.
 
-A grid is a table of tiles: ``table[row, column]`` names a tile of TILE x TILE cells, or -1; ``frame`` = (tiles in use,
-the table's first tile row, its first tile column). Cell arrays are flat over tiles; a cell's number is
-``tile * TILE**2 + row_in_tile * TILE + column_in_tile``. They come as one tuple:
-``surface[cell]`` = mean x, mean y, mean normal x, mean normal y, side of the returns in the cell (float32, metres in
-the grid's frame). The normals point to the sensor that saw the surface first; the side is 1 where all other beams came
-from this side too, lower where a thin wall was seen from both sides;
-``returns[cell]`` = how many the mean stands for (uint8, saturating: the mean forgets slowly);
-``evidence[cell]`` = 0 where never seen, above it occupied, below it free (int8);
-``nearest[cell]`` = the number of the occupied cell whose mean is nearest to this cell's centre, within REACH cells,
-or -1 (int32).
+A grid is a table of tiles (`Tiles`). A grid that belongs to one map alone takes tiles into use where it writes. The
+maps of a particle filter share tiles (`references`): a kernel writes only to tiles that one particle alone uses, and
+the filter gives the particle such tiles before, wherever a scan reaches.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.kernel_cache import kernel
 
@@ -25,14 +20,9 @@ TILE = 1 << TILE_BITS
 TILE_MASK = TILE - 1
 TILE_CELLS = TILE * TILE
 REACH = 4
+ACROSS = 2 * REACH + 1
 # Beyond this many returns, the mean of a cell forgets the oldest, so that a map can follow a door that moved.
 MEAN_MEMORY = 40
-# Neighbouring points farther apart than this are never one wall, even if they are on a line.
-MOST_CHORD_M = 5.0
-# A post or a leg is at most this many times as wide as the least distance of neighbours.
-MOST_THIN_BEAMS = 4
-# Neighbours are at most this many beams away: 10 degrees of a common dense laser, for things at arm's length.
-MOST_AWAY = 40
 # A return weighs as much as this many passes: a beam that grazes a wall passes through some of its cells.
 RETURN_WEIGHT = 3
 # A beam clears up to this many cells from its surface, measured along the surface's normal.
@@ -41,66 +31,50 @@ CLEARANCE = 1.5
 MOST_EVIDENCE = 100
 
 
-@kernel
-def project_scan(ranges, cosines, sines, limits, mounting, points):
-    """Returns of one scan as points with normals in the robot's frame: rows (x, y, normal x, normal y, thin).
+class Tiles(NamedTuple):
+    """What kernels read and write of a grid.
 
-    ``limits`` = (shortest usable range m, longest usable range m, largest difference to a neighbour's range on one
-    surface as a share of the range, distance m from the neighbours' chord up to which a point farther from them is
-    still on one wall with them, least number of beams to a neighbour, and that number times the range). The normal is
-    that of the chord between the two neighbours, towards the laser; (0, 0) if they are on different surfaces.
-    The points of a wall seen at a grazing angle are far apart, but on one line. "thin" is 1 for the points of a post or
-    a leg, which constrain the pose in every direction, else 0. Returns the number of rows written.
+    ``table[row, column]`` (int32) names a tile of TILE x TILE cells, or -1; ``frame`` (3,) int64: tiles in use, the
+    table's first tile row, its first tile column. The other arrays are flat over tiles: a cell's number is
+    ``tile * TILE**2 + row_in_tile * TILE + column_in_tile``.
+
+    ``surface[cell]``: mean x, mean y, mean normal x, mean normal y, side of the returns in the cell (float32, metres in
+    the grid's frame). The normals point to the sensor that saw the surface first; the side is 1 where all other beams
+    came from this side too, lower where a thin wall was seen from both sides. ``returns[cell]``: how many returns the
+    mean is of (uint8, saturating: the mean forgets slowly). ``evidence[cell]``: 0 where never seen, above it occupied,
+    below it free (int8). ``nearest[cell]``: which occupied cell's mean is nearest to this cell's centre, within REACH
+    cells: its number or -1 (int32).
+
+    ``references`` is None for a grid of its own. Where maps share tiles, ``references[tile]`` (int32) counts them, and
+    ``nearest`` (uint8) is 0 for none or names the occupied cell by the step to it, in rows and columns: a number would
+    go stale when that cell's tile is copied.
     """
-    count = 0
-    beams = ranges.shape[0]
-    cos_m, sin_m = math.cos(mounting[2]), math.sin(mounting[2])
-    for k in range(beams):
-        r = float(ranges[k])
-        if not (limits[0] <= r <= limits[1]):
-            continue
-        x, y = r * cosines[k], r * sines[k]
-        nx, ny = 0.0, 0.0
-        away = max(int(limits[4]), min(int(limits[5] / r), MOST_AWAY))
-        if away <= k < beams - away:
-            i, j = k - away, k + away
-            before, after = float(ranges[i]), float(ranges[j])
-            gap = limits[2] * r + limits[3]
-            bx, by = before * cosines[i], before * sines[i]
-            tx, ty = after * cosines[j] - bx, after * sines[j] - by
-            length = math.sqrt(tx * tx + ty * ty)
-            if 1e-6 < length < MOST_CHORD_M:
-                near = abs(before - r) < gap and abs(after - r) < gap
-                # On a straight wall the inverse ranges change evenly; from a jamb to the surface behind it they do not.
-                between = (before - r) * (after - r) < 0.0 and abs(2.0 * before * after / (before + after) - r) < gap
-                if near or (between and abs(tx * (y - by) - ty * (x - bx)) < limits[3] * length):
-                    nx, ny = -ty / length, tx / length
-                    if nx * x + ny * y > 0.0:
-                        nx, ny = -nx, -ny
-        points[count, 0] = mounting[0] + cos_m * x - sin_m * y
-        points[count, 1] = mounting[1] + sin_m * x + cos_m * y
-        points[count, 2] = cos_m * nx - sin_m * ny
-        points[count, 3] = sin_m * nx + cos_m * ny
-        points[count, 4] = 1.0 if _is_thin(ranges, k, limits[2] * r + limits[3], int(limits[4])) else 0.0
-        count += 1
-    return count
+
+    table: NDArray[np.int32]
+    frame: NDArray[np.int64]
+    surface: NDArray[np.float32]
+    returns: NDArray[np.uint8]
+    evidence: NDArray[np.int8]
+    nearest: NDArray[np.int32] | NDArray[np.uint8]
+    references: NDArray[np.int32] | None
+    cell_size_m: float
 
 
-@kernel
-def _is_thin(ranges, k, gap, away):
-    """Whether beam k hits one of a few neighbouring points with only farther things beside them on both sides.
+class Clearing(NamedTuple):
+    """Which of a scan's points clear the space up to them: every ``stride``-th from ``first`` on."""
 
-    The last point of a wall before its end, or before the laser's range ends, does not count: it moves with the robot.
-    """
-    width = 1
-    for step in (-1, 1):
-        i = k + step
-        while 0 <= i < ranges.shape[0] and abs(ranges[i] - ranges[k]) < gap and width <= MOST_THIN_BEAMS * away:
-            width += 1
-            i += step
-        if not (0 <= i < ranges.shape[0] and ranges[i] > ranges[k] + gap):
-            return False
-    return width <= MOST_THIN_BEAMS * away
+    first: int
+    stride: int
+
+
+class Room(NamedTuple):
+    """The box of tiles that a scan needs; whether the table covers it and enough tiles are left."""
+
+    first_row: int
+    first_column: int
+    last_row: int
+    last_column: int
+    is_there: bool
 
 
 @kernel
@@ -120,52 +94,126 @@ def cell_at(table, frame, row, column):
 
 
 @kernel
-def _claim(table, frame, row, column):
-    """The number of a cell, whose tile is taken into use if necessary; -1 outside the table."""
-    row -= frame[1] * TILE
-    column -= frame[2] * TILE
-    if row < 0 or column < 0:
+def nearest_surface(table, frame, nearest, references, cell, row, column):
+    """The number of the occupied cell whose mean lies nearest to a cell, or -1."""
+    if references is None:
+        return np.int64(nearest[cell])
+    step = np.int64(nearest[cell])
+    if step == 0:
         return -1
-    tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
-    if tile_row >= table.shape[0] or tile_column >= table.shape[1]:
+    step -= 1
+    return cell_at(table, frame, row + step // ACROSS - REACH, column + step % ACROSS - REACH)
+
+
+@kernel
+def nearest_to(table, frame, nearest, references, size, x, y):
+    """The number of the cell whose surface is nearest to the cell that a place (m) lies in, or -1.
+
+    ``table``, ``frame``, ``nearest``, ``references``: of the `Tiles`. A kernel
+    that takes them out of the tuple within its loop is slower by a quarter: Numba counts the references each time.
+    """
+    row, column = int(math.floor(y / size)), int(math.floor(x / size))
+    cell = cell_at(table, frame, row, column)
+    if cell < 0:
+        return cell
+    return nearest_surface(table, frame, nearest, references, cell, row, column)
+
+
+@kernel
+def _name(references, cell, rows, columns):
+    """What ``nearest`` holds of an occupied cell that lies so many rows and columns on."""
+    if references is None:
+        return cell
+    return (rows + REACH) * ACROSS + (columns + REACH) + 1
+
+
+@kernel
+def _no_name(references):
+    """What ``nearest`` holds where no occupied cell is within reach."""
+    if references is None:
         return -1
-    tile = table[tile_row, tile_column]
-    if tile < 0:
+    return 0
+
+
+@kernel
+def _is_own(references, cell):
+    """Whether a cell may be written to: always, or, where tiles are shared, where the map alone uses its tile."""
+    if references is None:
+        return True
+    return references[cell // TILE_CELLS] == 1
+
+
+@kernel
+def _new_tile(table, frame, references, tile_row, tile_column):
+    """Takes a tile into use where the table has none; -1 where tiles are shared: the map's own are taken before."""
+    if references is None:
         tile = frame[0]
         frame[0] += 1
         table[tile_row, tile_column] = tile
+        return tile
+    return -1
+
+
+@kernel
+def _new_cell(table, frame, references, row, column):
+    """The number of a cell where no tile was, or -1: outside the table, or where tiles are shared."""
+    tile_row, tile_column = (row >> TILE_BITS) - frame[1], (column >> TILE_BITS) - frame[2]
+    if not (0 <= tile_row < table.shape[0] and 0 <= tile_column < table.shape[1]):
+        return -1
+    tile = _new_tile(table, frame, references, tile_row, tile_column)
+    if tile < 0:
+        return -1
     return tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
 
 
 @kernel
-def _announce(table, frame, surface, nearest, cell, row, column, size):
+def _announce(tiles, cell, row, column):
     """After a cell became occupied: cells around it whose nearest surface is farther now point to this cell."""
+    table, frame, surface, nearest, references = (
+        tiles.table,
+        tiles.frame,
+        tiles.surface,
+        tiles.nearest,
+        tiles.references,
+    )
+    size = tiles.cell_size_m
     mx, my = surface[cell, 0], surface[cell, 1]
     for r in range(row - REACH, row + REACH + 1):
         for c in range(column - REACH, column + REACH + 1):
-            other = _claim(table, frame, r, c)
+            other = cell_at(table, frame, r, c)
             if other < 0:
+                other = _new_cell(table, frame, references, r, c)
+            if other < 0 or not _is_own(references, other):
                 continue
             cx, cy = (c + 0.5) * size, (r + 0.5) * size
-            old = nearest[other]
+            old = nearest_surface(table, frame, nearest, references, other, r, c)
             if old >= 0:
                 ox, oy = surface[old, 0] - cx, surface[old, 1] - cy
                 if ox * ox + oy * oy <= (mx - cx) ** 2 + (my - cy) ** 2:
                     continue
-            nearest[other] = cell
+            nearest[other] = _name(references, cell, row - r, column - c)
 
 
 @kernel
-def _withdraw(table, frame, arrays, cell, row, column, size):
+def _withdraw(tiles, cell, row, column):
     """After a cell became free: cells around it that pointed to it look for the next nearest surface."""
-    surface, returns, _, nearest = arrays
+    table, frame, surface, nearest, references = (
+        tiles.table,
+        tiles.frame,
+        tiles.surface,
+        tiles.nearest,
+        tiles.references,
+    )
+    size, returns = tiles.cell_size_m, tiles.returns
     returns[cell] = 0
     for r in range(row - REACH, row + REACH + 1):
         for c in range(column - REACH, column + REACH + 1):
             other = cell_at(table, frame, r, c)
-            if other < 0 or nearest[other] != cell:
+            if other < 0 or nearest[other] != _name(references, cell, row - r, column - c):
                 continue
-            best, best_d = -1, 1e18
+            if not _is_own(references, other):
+                continue
+            best, best_d = _no_name(references), 1e18
             cx, cy = (c + 0.5) * size, (r + 0.5) * size
             for rr in range(r - REACH, r + REACH + 1):
                 for cc in range(c - REACH, c + REACH + 1):
@@ -174,18 +222,19 @@ def _withdraw(table, frame, arrays, cell, row, column, size):
                         continue
                     d = (surface[candidate, 0] - cx) ** 2 + (surface[candidate, 1] - cy) ** 2
                     if d < best_d:
-                        best, best_d = candidate, d
+                        best, best_d = _name(references, candidate, rr - r, cc - c), d
             nearest[other] = best
 
 
 @kernel
-def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
+def _pass_through(tiles, x0, y0, x1, y1, freed, count):
     """Adds one count of free evidence to every cell from (x0, y0) to (x1, y1); writes newly free cells into ``freed``.
 
     One cell for each step along the longer axis: a beam through the corner of a cell may miss it, but the next one will
     not. Returns the number of freed cells; they stay in the grid until `_withdraw`, so that this loop stays small.
     """
-    evidence, size = arrays[2], settings[0]
+    table, frame, evidence, references = tiles.table, tiles.frame, tiles.evidence, tiles.references
+    size = tiles.cell_size_m
     first_row, first_column = frame[1] * TILE, frame[2] * TILE
     x, y = x0 / size - first_column, y0 / size - first_row
     dx, dy = (x1 - x0) / size, (y1 - y0) / size
@@ -193,23 +242,27 @@ def _pass_through(table, frame, arrays, x0, y0, x1, y1, settings, freed, count):
     if length < 1.0:
         return count
     step_x, step_y = dx / length, dy / length
+    tile_row, tile_column, tile = -1, -1, np.int64(-1)
     for _ in range(int(length)):
         row, column = int(y), int(x)
-        tile = table[row >> TILE_BITS, column >> TILE_BITS]
-        if tile < 0:
-            tile = frame[0]
-            frame[0] += 1
-            table[row >> TILE_BITS, column >> TILE_BITS] = tile
-        cell = tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
-        if evidence[cell] > -MOST_EVIDENCE:
-            evidence[cell] -= 1
-            if evidence[cell] == 0:
-                if count < freed.shape[0]:
-                    evidence[cell] = -1
-                    freed[count, 0], freed[count, 1], freed[count, 2] = cell, row + first_row, column + first_column
-                    count += 1
-                else:
-                    evidence[cell] = 1  # ``freed`` is full: the next beam through this cell frees it
+        if row >> TILE_BITS != tile_row or column >> TILE_BITS != tile_column:
+            tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
+            tile = np.int64(table[tile_row, tile_column])
+            if tile < 0:
+                tile = _new_tile(table, frame, references, tile_row, tile_column)
+            if tile >= 0 and not _is_own(references, tile * TILE_CELLS):
+                tile = np.int64(-1)
+        if tile >= 0:
+            cell = tile * TILE_CELLS + (row & TILE_MASK) * TILE + (column & TILE_MASK)
+            if evidence[cell] > -MOST_EVIDENCE:
+                evidence[cell] -= 1
+                if evidence[cell] == 0:
+                    if count < freed.shape[0]:
+                        evidence[cell] = -1
+                        freed[count, 0], freed[count, 1], freed[count, 2] = cell, row + first_row, column + first_column
+                        count += 1
+                    else:
+                        evidence[cell] = 1  # ``freed`` is full: the next beam through this cell frees it
         x += step_x
         y += step_y
     return count
@@ -249,12 +302,9 @@ def average(surface, returns, cell, x, y, nx, ny):
 
 
 @kernel
-def find_room(table, frame, tiles, points, origin, pose, size, box):
-    """Whether the table covers a scan's points and its laser, and enough tiles are left for them.
-
-    ``origin`` = the laser's position on the robot; ``box``: written: first row, first column, last row, last column, in
-    tiles, of the area that the scan needs.
-    """
+def find_room(tiles, points, origin, pose):
+    """The `Room` that a scan's points and its laser need. ``origin``: the laser's position on the robot."""
+    table, frame, size = tiles.table, tiles.frame, tiles.cell_size_m
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     low_x = high_x = pose[0] + cos * origin[0] - sin * origin[1]
     low_y = high_y = pose[1] + sin * origin[0] + cos * origin[1]
@@ -264,30 +314,29 @@ def find_room(table, frame, tiles, points, origin, pose, size, box):
         low_x, high_x = min(low_x, x), max(high_x, x)
         low_y, high_y = min(low_y, y), max(high_y, y)
     span, margin = size * TILE, size * (REACH + 1)
-    box[0], box[1] = int(math.floor((low_y - margin) / span)), int(math.floor((low_x - margin) / span))
-    box[2], box[3] = int(math.floor((high_y + margin) / span)), int(math.floor((high_x + margin) / span))
-    if box[0] < frame[1] or box[1] < frame[2]:
-        return False
-    if box[2] >= frame[1] + table.shape[0] or box[3] >= frame[2] + table.shape[1]:
-        return False
-    return frame[0] + (box[2] - box[0] + 1) * (box[3] - box[1] + 1) <= tiles
+    top, left = int(math.floor((low_y - margin) / span)), int(math.floor((low_x - margin) / span))
+    bottom, right = int(math.floor((high_y + margin) / span)), int(math.floor((high_x + margin) / span))
+    is_covered = top >= frame[1] and left >= frame[2]
+    is_covered = is_covered and bottom < frame[1] + table.shape[0] and right < frame[2] + table.shape[1]
+    tiles_left = tiles.returns.shape[0] // TILE_CELLS - frame[0]
+    return Room(top, left, bottom, right, is_covered and (bottom - top + 1) * (right - left + 1) <= tiles_left)
 
 
 @kernel
-def insert_points(table, frame, arrays, points, origin, pose, settings):
-    """Inserts one scan's points (robot frame) into the grid at ``pose`` (grid frame, metres from the corner).
+def insert_points(tiles, points, origin, pose, clearing):
+    """Inserts one scan's points (n, 5), robot frame, into a grid at ``pose`` (grid frame, metres from the corner).
 
-    ``origin`` = the laser's position on the robot; ``settings`` = (cell size, first beam and stride of those that
-    clear). The caller ensures that enough tiles are left.
+    ``origin`` = the laser's position on the robot; ``clearing``: a `Clearing`. The caller ensures that enough tiles are
+    left, or, where they are shared, that the map alone uses the tiles that the scan reaches.
     """
-    size = settings[0]
-    surface, returns, evidence, nearest = arrays
+    table, frame, references, size = tiles.table, tiles.frame, tiles.references, tiles.cell_size_m
+    surface, returns, evidence = tiles.surface, tiles.returns, tiles.evidence
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     ox = pose[0] + cos * origin[0] - sin * origin[1]
     oy = pose[1] + sin * origin[0] + cos * origin[1]
     freed = np.empty((256, 3), np.int64)
     count = 0
-    for k in range(int(settings[1]), points.shape[0], int(settings[2])):
+    for k in range(clearing.first, points.shape[0], clearing.stride):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
         dx, dy = x - ox, y - oy
@@ -295,25 +344,25 @@ def insert_points(table, frame, arrays, points, origin, pose, settings):
         ny = sin * points[k, 2] + cos * points[k, 3]
         clear = clear_share(dx, dy, nx, ny, size)
         if clear > 0.0:
-            count = _pass_through(
-                table, frame, arrays, ox, oy, ox + clear * dx, oy + clear * dy, settings, freed, count
-            )
+            count = _pass_through(tiles, ox, oy, ox + clear * dx, oy + clear * dy, freed, count)
     for k in range(count):
-        _withdraw(table, frame, arrays, freed[k, 0], freed[k, 1], freed[k, 2], size)
+        _withdraw(tiles, freed[k, 0], freed[k, 1], freed[k, 2])
     for k in range(points.shape[0]):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
         nx = cos * points[k, 2] - sin * points[k, 3]
         ny = sin * points[k, 2] + cos * points[k, 3]
         row, column = int(math.floor(y / size)), int(math.floor(x / size))
-        cell = _claim(table, frame, row, column)
+        cell = cell_at(table, frame, row, column)
         if cell < 0:
+            cell = _new_cell(table, frame, references, row, column)
+        if cell < 0 or not _is_own(references, cell):
             continue
         evidence[cell] = min(max(evidence[cell], 0) + RETURN_WEIGHT, MOST_EVIDENCE)
         if returns[cell] == 0:
             returns[cell] = 1
             surface[cell, 0], surface[cell, 1] = x, y
             surface[cell, 2], surface[cell, 3], surface[cell, 4] = nx, ny, 1.0
-            _announce(table, frame, surface, nearest, cell, row, column, size)
+            _announce(tiles, cell, row, column)
         else:
             average(surface, returns, cell, x, y, nx, ny)

@@ -41,8 +41,9 @@ def likelihood_field(
     A cell's likelihood is ``exp(-d^2 / (2 std_m^2))`` with d from its centre to the nearest surface within reach.
     """
     size, tile = grid.cell_size_m, _kernels.TILE
-    row0, column0 = int(grid.frame[1]), int(grid.frame[2])
-    rows, columns = grid.table.shape
+    tiles = grid.tiles
+    row0, column0 = int(tiles.frame[1]), int(tiles.frame[2])
+    rows, columns = tiles.table.shape
     if centre is not None and np.isfinite(radius_m):
         span = tile * size
         first_c = max(int((centre[0] - radius_m) // span) - column0, 0)
@@ -51,7 +52,7 @@ def likelihood_field(
         last_r = min(int((centre[1] + radius_m) // span) - row0 + 1, rows)
     else:
         first_r, last_r, first_c, last_c = 0, rows, 0, columns
-    part = grid.table[first_r : max(last_r, first_r), first_c : max(last_c, first_c)]
+    part = tiles.table[first_r : max(last_r, first_r), first_c : max(last_c, first_c)]
     used_r, used_c = np.nonzero(part >= 0)
     if len(used_r) == 0:
         empty = np.zeros((1, 1), np.uint8)
@@ -63,11 +64,10 @@ def likelihood_field(
         for last, low in ((used_r.max(), low_r), (used_c.max(), low_c))
     ]
     finest = np.zeros((shape[0], tile, shape[1], tile), np.uint8)
-    surface, _, _, nearest = grid.arrays
-    sources = nearest.reshape(-1, tile, tile)[part[used_r, used_c]]
+    sources = tiles.nearest.reshape(-1, tile, tile)[part[used_r, used_c]]
     # Few cells are near a surface: the exponential is computed only for those.
     t, row, column = np.nonzero(sources >= 0)
-    means = surface[sources[t, row, column], :2]
+    means = tiles.surface[sources[t, row, column], :2]
     x = ((used_c[t] + first_c + column0) * tile + column + 0.5) * size
     y = ((used_r[t] + first_r + row0) * tile + row + 0.5) * size
     squared = (means[:, 0] - x) ** 2 + (means[:, 1] - y) ** 2

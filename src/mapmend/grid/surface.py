@@ -7,79 +7,87 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.grid import _kernels
+from mapmend.grid._kernels import TILE_CELLS, Clearing, Room, Tiles
 
 Float = NDArray[np.float64]
+
+FIRST_TILES = 64
+CLEARING_STRIDE = 3
 
 
 class SurfaceGrid:
     """Cells of ``cell_size_m``, each with the mean position and normal of its returns and with the beams' passes.
 
     Tiles of 32 x 32 cells are taken into use where beams went, so memory follows the area that was seen. Every cell
-    also knows the nearest surface within four cells: matching looks it up.
+    also knows the nearest surface within four cells: matching looks it up. ``tiles``: its arrays, for kernels.
     """
 
-    def __init__(self, cell_size_m: float = 0.05) -> None:
-        self.cell_size_m = cell_size_m
-        self.table = np.full((8, 8), -1, dtype=np.int32)
-        # Tiles in use, first tile row and first tile column of the table.
-        self.frame = np.array([0, -4, -4], dtype=np.int64)
-        self._box = np.zeros(4, dtype=np.int64)
-        self._allocate(64)
-        self._settings = np.array([cell_size_m, 0.0, 3.0])
+    def __init__(self, cell_size_m: float = 0.05, clearing_stride: int = CLEARING_STRIDE) -> None:
+        self.cell_size_m = float(cell_size_m)
+        table = np.full((8, 8), -1, dtype=np.int32)
+        self.tiles = self._new_tiles(table, np.array([0, -4, -4], dtype=np.int64), FIRST_TILES)
+        self._clearing = Clearing(0, clearing_stride)
 
-    def _allocate(self, tiles: int) -> None:
-        self._tiles = tiles
-        cells = tiles * _kernels.TILE_CELLS
-        self.arrays: tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.int8], NDArray[np.int32]] = (
-            np.zeros((cells, 5), dtype=np.float32),
-            np.zeros(cells, dtype=np.uint8),
-            np.zeros(cells, dtype=np.int8),
-            np.full(cells, -1, dtype=np.int32),
+    def _new_tiles(self, table: NDArray[np.int32], frame: NDArray[np.int64], tiles: int) -> Tiles:
+        """Empty cells for so many tiles."""
+        cells = tiles * TILE_CELLS
+        return Tiles(
+            table,
+            frame,
+            surface=np.zeros((cells, 5), dtype=np.float32),
+            returns=np.zeros(cells, dtype=np.uint8),
+            evidence=np.zeros(cells, dtype=np.int8),
+            nearest=np.full(cells, -1, dtype=np.int32),
+            references=None,
+            cell_size_m=self.cell_size_m,
         )
 
     def clear(self) -> None:
         """Removes all content and keeps the memory."""
-        self.table.fill(-1)
-        used = int(self.frame[0]) * _kernels.TILE_CELLS
-        self.frame[0] = 0
-        self._settings[1] = 0.0
-        surface, returns, evidence, nearest = self.arrays
-        surface[:used] = 0.0
-        returns[:used] = 0
-        evidence[:used] = 0
-        nearest[:used] = -1
+        tiles = self.tiles
+        tiles.table.fill(-1)
+        used = int(tiles.frame[0]) * TILE_CELLS
+        tiles.frame[0] = 0
+        self._clearing = Clearing(0, self._clearing.stride)
+        tiles.surface[:used] = 0.0
+        tiles.returns[:used] = 0
+        tiles.evidence[:used] = 0
+        tiles.nearest[:used] = -1
 
-    def _make_room(self, box: NDArray[np.int64]) -> None:
-        """Grows the table over the box of tiles, and the arrays by as many tiles as the box may need."""
-        rows, columns = self.table.shape
-        top, left = int(self.frame[1]), int(self.frame[2])
+    def _make_room(self, room: Room) -> None:
+        """Grows the table over a box of tiles, and the arrays by as many tiles as the box may need."""
+        old = self.tiles
+        rows, columns = old.table.shape
+        top, left = int(old.frame[1]), int(old.frame[2])
         bottom, right = top + rows, left + columns
         # A half more on the side that was too small, so that the table does not have to grow often.
-        new_top = min(top, int(box[0]) - rows // 2) if box[0] < top else top
-        new_left = min(left, int(box[1]) - columns // 2) if box[1] < left else left
-        new_bottom = max(bottom, int(box[2]) + 1 + rows // 2) if box[2] >= bottom else bottom
-        new_right = max(right, int(box[3]) + 1 + columns // 2) if box[3] >= right else right
+        new_top = min(top, room.first_row - rows // 2) if room.first_row < top else top
+        new_left = min(left, room.first_column - columns // 2) if room.first_column < left else left
+        new_bottom = max(bottom, room.last_row + 1 + rows // 2) if room.last_row >= bottom else bottom
+        new_right = max(right, room.last_column + 1 + columns // 2) if room.last_column >= right else right
         if (new_top, new_left, new_bottom, new_right) != (top, left, bottom, right):
             table = np.full((new_bottom - new_top, new_right - new_left), -1, dtype=np.int32)
-            table[top - new_top : bottom - new_top, left - new_left : right - new_left] = self.table
-            self.table = table
-            self.frame[1:] = (new_top, new_left)
-        wanted = int(self.frame[0] + (box[2] - box[0] + 1) * (box[3] - box[1] + 1))
-        if wanted > self._tiles:
-            old, used = self.arrays, int(self.frame[0]) * _kernels.TILE_CELLS
-            self._allocate(max(wanted, self._tiles + self._tiles // 2))
-            self.arrays[0][:used] = old[0][:used]
-            self.arrays[1][:used] = old[1][:used]
-            self.arrays[2][:used] = old[2][:used]
-            self.arrays[3][:used] = old[3][:used]
+            table[top - new_top : bottom - new_top, left - new_left : right - new_left] = old.table
+            old.frame[1:] = (new_top, new_left)
+            self.tiles = old = old._replace(table=table)
+        have = len(old.returns) // TILE_CELLS
+        asked = (room.last_row - room.first_row + 1) * (room.last_column - room.first_column + 1)
+        wanted = int(old.frame[0]) + asked
+        if wanted > have:
+            used = int(old.frame[0]) * TILE_CELLS
+            self.tiles = self._new_tiles(old.table, old.frame, max(wanted, have + have // 2))
+            self.tiles.surface[:used] = old.surface[:used]
+            self.tiles.returns[:used] = old.returns[:used]
+            self.tiles.evidence[:used] = old.evidence[:used]
+            self.tiles.nearest[:used] = old.nearest[:used]
 
     def insert(self, points: Float, laser_origin: Float, pose: Float) -> None:
         """Adds a scan: ``points`` (n, 5) from `project_scan`, the laser's position on the robot, ``T_grid_robot``."""
         if len(points) == 0:
             return
-        if not _kernels.find_room(
-            self.table, self.frame, self._tiles, points, laser_origin, pose, self.cell_size_m, self._box
-        ):
-            self._make_room(self._box)
-        _kernels.insert_points(self.table, self.frame, self.arrays, points, laser_origin, pose, self._settings)
-        self._settings[1] = (self._settings[1] + 1) % self._settings[2]
+        room = _kernels.find_room(self.tiles, points, laser_origin, pose)
+        if not room.is_there:
+            self._make_room(room)
+        _kernels.insert_points(self.tiles, points, laser_origin, pose, self._clearing)
+        first, stride = self._clearing
+        self._clearing = Clearing((first + 1) % stride, stride)

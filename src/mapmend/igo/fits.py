@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from mapmend.config import Config
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.igo import _kernels
@@ -23,18 +21,13 @@ class Fits:
     """
 
     def __init__(self, config: Config) -> None:
-        self._settings = np.array([config.grid.cell_size_m, config.match.reach_m])
-        self._result = np.zeros(3)
+        self._reach_m = float(config.match.reach_m)
 
     def fit(self, grid: SurfaceGrid, points: Float, pose: Float) -> float:
         """The mean fit of ``points`` (n, 5) at a pose (3,); 0 for none."""
-        self._compare(grid, points, pose, pose)
-        return float(self._result[2])
+        return float(_kernels.compare_fits(grid.tiles, points, pose, pose, self._reach_m).fit)
 
     def gain(self, grid: SurfaceGrid, points: Float, new: Float, old: Float) -> tuple[float, float]:
         """The gain in fit of ``points`` (n, 5) at a new pose (3,) over an old one, and its noise."""
-        self._compare(grid, points, new, old)
-        return float(self._result[0]), float(self._result[1])
-
-    def _compare(self, grid: SurfaceGrid, points: Float, new: Float, old: Float) -> None:
-        _kernels.compare_fits(grid.table, grid.frame, grid.arrays, points, new, old, self._settings, self._result)
+        found = _kernels.compare_fits(grid.tiles, points, new, old, self._reach_m)
+        return found.gain, found.noise

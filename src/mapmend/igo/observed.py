@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,8 +52,7 @@ class Observer:
     """Finds the axes that a match leaves open: those along which its information could be noise."""
 
     def __init__(self, config: Config) -> None:
-        self._settings = np.array([config.grid.cell_size_m, config.match.reach_m, config.match.half_weight_m])
-        self._result = np.zeros(2)
+        self._reach_m, self._half_weight_m = float(config.match.reach_m), float(config.match.half_weight_m)
 
     def information(self, grid: SurfaceGrid, points: Float, match: Match) -> tuple[Float, Float]:
         """The information of a match in its own frame (3, 3), and the axis (2,) that it leaves open, zero if there is
@@ -63,10 +63,8 @@ class Observer:
         """
         values, vectors = np.linalg.eigh(match.normal_matrix[:2, :2])
         weakest = np.ascontiguousarray(vectors[:, 0])
-        _kernels.shared_normals(
-            grid.table, grid.frame, grid.arrays, points, match.pose, weakest, self._settings, self._result
-        )
-        shared, noise = float(self._result[0]), float(np.sqrt(self._result[1]))
+        found = _kernels.shared_normals(grid.tiles, points, match.pose, weakest, self._reach_m, self._half_weight_m)
+        shared, noise = found.total, math.sqrt(found.squares)
         theta = float(match.pose[2])
         axis = turned(weakest, -theta)
         turn = np.eye(3)

@@ -58,24 +58,20 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
     reach = float(np.hypot(guesses[:, 0], guesses[:, 1]).max()) + region.radius_m / size
     level = NEAR_LEVEL if reach < WIDE_CELLS else len(field.levels) - 1
     offsets = _blocks(guesses, region.radius_m / size, 1 << level)
-    settings = np.array(
-        [
-            size,
-            score_to_beat,
-            region.tie_weight,
-            prior[2],
-            region.tie_radius_m / size,
-            region.tie_radius_rad,
-            max(reach, 1.0),
-            level,
-        ]
+    settings = _kernels.SearchSettings(
+        cell_size_m=size,
+        score_to_beat=score_to_beat,
+        tie_weight=region.tie_weight,
+        prior_theta=float(prior[2]),
+        tie_radius_cells=region.tie_radius_m / size,
+        tie_radius_rad=region.tie_radius_rad,
+        reach_cells=max(reach, 1.0),
+        top=level,
     )
-    best = np.zeros(4)
-    _kernels.search_poses(field.levels, points, centre, thetas, offsets, settings, best)
-    if not best[0] > score_to_beat:
+    best = _kernels.search_poses(field.levels, points, centre, thetas, offsets, settings)
+    if not best.score > score_to_beat:
         return None
-    pose = np.array([prior[0] + best[1] * size, prior[1] + best[2] * size, best[3]])
-    return pose, float(best[0])
+    return np.array([prior[0] + best.columns * size, prior[1] + best.rows * size, best.theta]), best.score
 
 
 def _blocks(guesses: Float, radius: float, width: int) -> NDArray[np.int64]:

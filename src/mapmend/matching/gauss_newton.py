@@ -15,9 +15,6 @@ from mapmend.matching import _kernels
 
 Float = NDArray[np.float64]
 
-# The positions of the six numbers of a symmetric matrix in a kernel's result.
-_SYMMETRIC = np.array([[7, 8, 9], [8, 10, 11], [9, 11, 12]])
-
 # No laser of this kind is better than half a centimetre, even if a few beams agree better by chance.
 LEAST_RESIDUAL_M = 0.005
 UNSEEN_STD_M = 10.0
@@ -60,44 +57,41 @@ class Match:
 
 
 class SurfaceMatcher:
-    """Matches scans on grids with one set of settings; keeps its small work arrays between calls."""
+    """Matches scans on grids with one set of settings."""
 
     def __init__(self, config: MatchConfig) -> None:
         self.config = config
-        self._result = np.zeros(13)
-        self._settings = np.array(
-            [
-                0.0,
-                config.reach_m,
-                config.half_weight_m,
-                config.distance_std_m,
-                config.iterations,
-                config.convergence_m,
-                config.widening,
-            ]
-        )
-        self._score_settings = np.array([0.0, 0.5 * config.reach_m, config.reach_m])
-        self._counts = np.zeros(3)
+        self._settings = match_settings(config)
 
     def match(self, grid: SurfaceGrid, points: Float, start: Float, prior: Float = NO_PRIOR) -> Match:
         """Matches ``points`` (n, 5) from ``start`` (3,); ``prior`` (4, 3): information in map axes, expected pose."""
-        self._settings[0] = grid.cell_size_m
-        result = self._result
-        _kernels.match_points(grid.table, grid.frame, grid.arrays, points, start, prior, self._settings, result)
-        matched = int(result[3])
+        found = _kernels.match_points(grid.tiles, points, start, prior, self._settings)
         return Match(
-            pose=result[:3].copy(),
-            score=matched / len(points) if len(points) else 0.0,
-            matched=matched,
-            normal_matrix=result[_SYMMETRIC],
-            residual_std_m=math.sqrt(result[6] / max(result[5], 1.0)),
+            pose=found.pose,
+            score=found.matched / len(points) if len(points) else 0.0,
+            matched=found.matched,
+            normal_matrix=found.normal_matrix,
+            residual_std_m=math.sqrt(found.squares / max(found.weights, 1.0)),
         )
 
     def judge(self, grid: SurfaceGrid, points: Float, pose: Float) -> tuple[int, int, int]:
         """How many of ``points`` (n, 5) at ``pose`` the grid confirms, contradicts, and has not seen."""
-        self._score_settings[0] = grid.cell_size_m
-        _kernels.score_points(grid.table, grid.frame, grid.arrays, points, pose, self._score_settings, self._counts)
-        return int(self._counts[0]), int(self._counts[1]), int(self._counts[2])
+        reach_m = self._settings.reach_m
+        found = _kernels.score_points(grid.tiles, points, pose, 0.5 * reach_m, reach_m)
+        return found.matched, found.contradicted, found.unseen
+
+
+def match_settings(config: MatchConfig, is_roughness_used: bool = True) -> _kernels.MatchSettings:
+    """The settings of the kernel. All lengths are floats: for whole numbers Numba would compile the kernel again."""
+    return _kernels.MatchSettings(
+        float(config.reach_m),
+        float(config.half_weight_m),
+        float(config.distance_std_m),
+        config.iterations,
+        float(config.convergence_m),
+        float(config.widening),
+        is_roughness_used,
+    )
 
 
 def round_prior(pose: Float, translation_std_m: float, rotation_std_rad: float) -> Float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.config import ScanConfig
-from mapmend.grid import _kernels
+from mapmend.grid._projection_kernels import Laser, project_scan
 from mapmend.scan import LaserGeometry, Scans
 from mapmend.scan_graph.growing import GrowingArray
 
@@ -75,7 +75,7 @@ class ScanPoints:
     def __init__(self, readings: Readings, config: ScanConfig) -> None:
         self._readings = readings
         self._config = config
-        self._lasers: list[tuple[Float, Float, Float, Float]] = []
+        self._lasers: list[Laser] = []
         self._room = np.zeros((0, 5))
 
     def of(self, k: int) -> Float:
@@ -88,25 +88,36 @@ class ScanPoints:
 
     def project(self, ranges_m: NDArray[np.float32], laser: int) -> Float:
         """The points of other readings of one of the lasers, as `of`."""
-        cosines, sines, mounting, limits = self._laser(laser)
-        count = _kernels.project_scan(ranges_m, cosines, sines, limits, mounting, self._room)
+        count = project_scan(ranges_m, self._laser(laser), self._room)
         return self._room[:count]
 
     def origin_of(self, laser: int) -> Float:
         """The pose of one of the lasers on the robot, shape (3,)."""
-        return self._laser(laser)[2]
+        return self._laser(laser).mounting
 
-    def _laser(self, laser: int) -> tuple[Float, Float, Float, Float]:
-        """A laser's cosines and sines, its mounting and the limits of its readings."""
+    def _laser(self, laser: int) -> Laser:
+        """What the kernel needs of a laser."""
         for geometry in self._readings.geometries[len(self._lasers) :]:
-            config, bearings = self._config, geometry.bearings_rad()
-            longest_m = min(config.max_range_m, geometry.max_range_m)
-            limits = [config.min_range_m, longest_m, config.surface_gap, config.wall_std_m, *neighbours_away(geometry)]
-            mounting = np.array(geometry.T_robot_laser, dtype=np.float64)
-            self._lasers.append((np.cos(bearings), np.sin(bearings), mounting, np.array(limits)))
+            self._lasers.append(_laser(geometry, self._config))
             if geometry.beam_count > len(self._room):
                 self._room = np.zeros((geometry.beam_count, 5))
         return self._lasers[laser]
+
+
+def _laser(geometry: LaserGeometry, config: ScanConfig) -> Laser:
+    """A laser for the kernel. Its lengths are floats: for whole numbers Numba would compile the kernel again."""
+    least_away, away_m = neighbours_away(geometry)
+    return Laser(
+        np.cos(geometry.bearings_rad()),
+        np.sin(geometry.bearings_rad()),
+        np.array(geometry.T_robot_laser, dtype=np.float64),
+        min_range_m=float(config.min_range_m),
+        max_range_m=float(min(config.max_range_m, geometry.max_range_m)),
+        surface_gap=float(config.surface_gap),
+        wall_std_m=float(config.wall_std_m),
+        least_away=least_away,
+        away_m=float(away_m),
+    )
 
 
 def neighbours_away(geometry: LaserGeometry) -> tuple[int, float]:
