@@ -53,7 +53,7 @@ def test_json(mapmend, request, tmp_path, which, code):
     values = json.loads(answer.out)
     assert set(values) >= KEYS
     assert values["consistent"] is (code == 0)
-    assert values["scans"] == 80
+    assert values["scans"] == values["scans_tested"] == 80
     assert (tmp_path / "check.png").is_file()
     if code:
         assert values["suspect_edges"][0]["from"] == 0

@@ -64,7 +64,7 @@ def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
         "consistent": result.consistent,
         "p_value": result.p_value,
         "scans": int((corners[1:] > corners[:-1]).sum()),
-        "scans_tested": int(result.scans.tested.sum()),
+        "scans_tested": result.scans.count,
         "scans_inconsistent": int(result.scans.failed.sum()),
         "pairs": len(result.pairs.pairs),
         "pairs_overlapping": result.overlapping,

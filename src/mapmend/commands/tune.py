@@ -181,7 +181,7 @@ def report(args: Namespace, result: TuneResult, outputs: Outputs | None) -> dict
         "consistent": result.consistent,
         "p_value": verdict.p_value,
         "verdicts": [checked._asdict() for checked in result.verdicts],
-        "scans_tested": int(verdict.scans.tested.sum()),
+        "scans_tested": verdict.scans.count,
         "scans_inconsistent": int(verdict.scans.failed.sum()),
         "switched_off": [
             {"edge": row, "from": i, "to": j, "chi2": float(chi2[row]), "weight": float(result.edge_weights[row])}

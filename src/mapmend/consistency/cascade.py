@@ -58,6 +58,11 @@ class ScanTests:
     p_values: Float
     failed: Bool
 
+    @property
+    def count(self) -> int:
+        """How many scans were tested: those with at least one pair."""
+        return int(np.count_nonzero(self.tested))
+
 
 def judge_pairs(
     measures: PairMeasures, scales: Float, config: ConsistencyConfig, laid: OdometryMap | None = None
@@ -103,7 +108,7 @@ def judge_scans(tests: PairTests, n: int, config: ConsistencyConfig) -> ScanTest
 
 def map_p_value(scans: ScanTests, config: ConsistencyConfig) -> float:
     """The probability that a consistent map of as many tested scans has as many failed ones or more."""
-    tested = np.count_nonzero(scans.tested)
+    tested = scans.count
     failed = np.count_nonzero(scans.failed)
     counts = (np.array([failed]), np.array([tested]))
     return float(survival(*counts, config.scan_level, config.map_dependence)[0])

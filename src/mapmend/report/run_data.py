@@ -165,7 +165,7 @@ def _verdict(run: Run) -> dict[str, Any]:
         "checked": True,
         "consistent": result.consistent,
         "p_value": result.p_value,
-        "scans_tested": int(np.count_nonzero(result.scans.tested)),
+        "scans_tested": result.scans.count,
         "scans_failed": int(np.count_nonzero(result.scans.failed)),
         "pairs": len(result.pairs.pairs),
         "pairs_failed": int(np.count_nonzero(result.pairs.failed)),
