@@ -45,11 +45,14 @@ def main() -> int:
     if not arguments.data:
         _measure.stop("name the folder with the recordings by --data, or set MAPMEND_DATA")
     old, new = (sums_of(commit, arguments) for commit in (arguments.old, arguments.new))
-    differing = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
-    for name in differing:
-        print(f"differs: {name}")
-    print(f"{len(old.keys() & new.keys()) - len(differing)} outputs are the same, {len(differing)} differ")
-    return 1 if differing else 0
+    both = sorted(old.keys() & new.keys())
+    differing = [name for name in both if old[name] != new[name]]
+    lost, added = old.keys() - new.keys(), new.keys() - old.keys()
+    for what, names in (("differs", differing), ("lost", lost), ("new", added)):
+        for name in sorted(names):
+            print(f"{what}: {name}")
+    print(f"{len(both) - len(differing)} outputs are the same, {len(differing)} differ")
+    return 1 if differing or lost else 0
 
 
 def sums_of(commit: str, arguments: argparse.Namespace) -> Sums:
@@ -97,18 +100,21 @@ def map_outputs(mapmend: Command, data: Path, folder: Path) -> Iterator[tuple[st
             run = folder / f"{name}-{method}"
             mapmend("map", log, "-o", run, "--method", method)
             for path in sorted(run.iterdir()):
-                yield f"{name} {method} {path.name}", sum_of(path)
+                if path.suffix == ".json":
+                    yield from sums_of_json(f"{name} {method} {path.name}", path.read_text())
+                else:
+                    yield f"{name} {method} {path.name}", sum_of(path)
 
 
 def check_outputs(mapmend: Command, data: Path, folder: Path) -> Iterator[tuple[str, str]]:
     for name in SCAN_GRAPHS:
-        yield name, sum_of_json(mapmend("check", data / "scangraphs" / name, "--json"))
+        yield from sums_of_json(name, mapmend("check", data / "scangraphs" / name, "--json"))
 
 
 def tune_outputs(mapmend: Command, data: Path, folder: Path) -> Iterator[tuple[str, str]]:
     for name in SCAN_GRAPHS:
         tuned = folder / f"tuned-{name}"
-        yield f"{name} json", sum_of_json(mapmend("tune", data / "scangraphs" / name, "-o", tuned, "--json"))
+        yield from sums_of_json(name, mapmend("tune", data / "scangraphs" / name, "-o", tuned, "--json"))
         yield f"{name} graph", sum_of(tuned / "graph.g2o")
 
 
@@ -119,7 +125,7 @@ def optimize_outputs(mapmend: Command, data: Path, folder: Path) -> Iterator[tup
             said = mapmend(
                 *("optimize", data / "posegraphs" / name, "-o", best, "--init", start, "--kernel", kernel, "--json")
             )
-            yield f"{name} {start} {kernel} json", sum_of_json(said)
+            yield from sums_of_json(f"{name} {start} {kernel}", said)
             yield f"{name} {start} {kernel} graph", sum_of(best)
 
 
@@ -127,14 +133,13 @@ KIND_OUTPUTS = {"map": map_outputs, "check": check_outputs, "tune": tune_outputs
 
 
 def sum_of(path: Path) -> str:
-    if path.suffix == ".json":
-        return sum_of_json(path.read_text())
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def sum_of_json(text: str) -> str:
-    results = json.dumps(without_circumstances(json.loads(text)), sort_keys=True)
-    return hashlib.sha256(results.encode()).hexdigest()
+def sums_of_json(name: str, text: str) -> Iterator[tuple[str, str]]:
+    """A sum for each part of a JSON object that is a result."""
+    for key, part in without_circumstances(json.loads(text)).items():
+        yield f"{name} {key}", hashlib.sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()
 
 
 def without_circumstances(value: Any) -> Any:
