@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from mapmend.io.reader import read as read
     from mapmend.run_folder import write_run as write_run
     from mapmend.slam import MapResult as MapResult
+    from mapmend.slam import RebuildResult as RebuildResult
     from mapmend.slam import build_map as build_map
+    from mapmend.slam import rebuild as rebuild
     from mapmend.tuning.tune import TuneResult as TuneResult
     from mapmend.tuning.tune import tune as tune
 
@@ -34,11 +36,13 @@ _HOMES = {
     "Config": "mapmend.config",
     "MapResult": "mapmend.slam",
     "MapmendError": "mapmend.errors",
+    "RebuildResult": "mapmend.slam",
     "TuneResult": "mapmend.tuning.tune",
     "build_map": "mapmend.slam",
     "check": "mapmend.consistency.check",
     "read": "mapmend.io.reader",
     "read_log": "mapmend.io.read_log",
+    "rebuild": "mapmend.slam",
     "tune": "mapmend.tuning.tune",
     "write_run": "mapmend.run_folder",
 }
@@ -48,12 +52,14 @@ __all__ = [
     "Config",
     "MapResult",
     "MapmendError",
+    "RebuildResult",
     "TuneResult",
     "__version__",
     "build_map",
     "check",
     "read",
     "read_log",
+    "rebuild",
     "tune",
     "write_run",
 ]

@@ -70,6 +70,16 @@ class MapResult:
 
 
 @dataclass(frozen=True)
+class RebuildResult:
+    """``graph``: the same nodes in the same order, at the optimum, with the edges matched again: odometry, further
+    odometry, loops. ``iteration``: what each round did.
+    """
+
+    graph: PoseGraph
+    iteration: Iteration
+
+
+@dataclass(frozen=True)
 class Built:
     """The input of the map: a graph with scans, ``scan_poses`` (n, 3) for all scans, and what the method did.
 
@@ -155,6 +165,27 @@ def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_pro
     front_end = FrontEnd(log.scans.geometries, config, progress)
     front_end.run(log)
     return _built(front_end)
+
+
+def rebuild(graph: PoseGraph, config: Config = DEFAULT_CONFIG, *, progress: Progress = no_progress) -> RebuildResult:
+    """Optimizes a pose graph with scans on its nodes, whatever system made it, and matches its edges again: IGO IV.
+
+    Consecutive nodes are those whose ids follow each other (`ScanGraph.from_pose_graph`). Edges that are matched again
+    keep their information. Raises MapmendError for a graph without scans, or one that can't be optimized.
+    """
+    from mapmend.graph.checks import check_connections, check_numbers
+    from mapmend.igo.iterate import iterate
+    from mapmend.scan_graph.scan_graph import ScanGraph
+
+    check_numbers(graph)
+    check_connections(graph)
+    order = np.argsort(graph.ids, kind="stable")
+    ordered = graph.with_order(order)
+    scan_graph = ScanGraph.from_pose_graph(ordered, config)
+    iteration = iterate(scan_graph, progress)
+    rebuilt = scan_graph.pose_graph()
+    kept = replace(rebuilt, ids=ordered.ids, scans=ordered.scans, stamps_s=ordered.stamps_s, fixed=ordered.fixed)
+    return RebuildResult(kept.with_order(np.argsort(order)), iteration)
 
 
 def _built(front_end: FrontEnd) -> Built:

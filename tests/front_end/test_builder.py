@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from mapmend.config import Config
+from mapmend.errors import MapmendError
 from mapmend.front_end.builder import FrontEnd
 from mapmend.geometry import se2
 from mapmend.lab.altered_logs import with_people
 from mapmend.matching.gauss_newton import Match
 from mapmend.scan_graph.motion import odometry_covariance
 from mapmend.simulation import OdometryModel, SlipEvent, World, corridor_loop, simulate
+from mapmend.slam import build_map
 from tests.front_end.logs import (
     BENT,
     NOISY,
@@ -234,3 +236,52 @@ def test_what_matches_tell_cancels_along_the_trajectory_and_what_odometry_tells_
         assert covariance[axis, axis] < 0.05 * odometry[axis, axis]
         assert drift[axis, axis] < 0.15 * covariance[axis, axis]
     assert np.all(np.linalg.eigvalsh(covariance - drift) > -1e-12)
+
+
+def fed(log, config=None):
+    """The front end's graph after a log that came scan by scan, as a robot sends it."""
+    front_end = FrontEnd(log.scans.geometries, config or Config())
+    for k in range(len(log)):
+        laser = log.scans.laser_of(k)
+        front_end.add_scan(log.scans.ranges_of(k).tolist(), log.stamps_s[k], log.odometry[k].tolist(), laser)
+    return front_end.finish()
+
+
+def test_a_log_that_comes_scan_by_scan_gives_the_bytes_of_the_whole_log():
+    log = drive(2, SHORT_SIGHTED, BENT).log
+    whole, one_by_one = build_map(log, "go"), fed(log)
+    assert one_by_one.scan_poses().tobytes() == whole.trajectory.poses.tobytes()
+    graph = one_by_one.pose_graph(with_scans=True)
+    for name in ("poses", "edges", "measurements", "information", "is_loop", "stamps_s"):
+        assert getattr(graph, name).tobytes() == getattr(whole.graph, name).tobytes(), name
+    assert graph.scans.ranges_m.tobytes() == whole.graph.scans.ranges_m.tobytes()
+
+
+def test_after_every_scan_the_front_end_says_where_the_robot_is():
+    simulation = drive(BUILDING)
+    log = simulation.log
+    front_end = FrontEnd(log.scans.geometries, Config())
+    for k in range(300):
+        pose = front_end.add_scan(log.scans.ranges_of(k), log.stamps_s[k], log.odometry[k])
+        off = se2.between(se2.between(simulation.truth[0], simulation.truth[k]), pose)
+        assert np.hypot(off[0], off[1]) < 0.1
+        assert len(front_end.graph.hung) == k + 1
+
+
+def test_a_wrong_scan_is_refused_and_changes_nothing():
+    log = drive(BUILDING).log
+    front_end = FrontEnd(log.scans.geometries, Config())
+    good = log.scans.ranges_of(0)
+    front_end.add_scan(good, 0.0, np.zeros(3))
+    for ranges, stamp, odometry, laser, message in (
+        (good[:-1], 1.0, np.zeros(3), 0, r"ranges_m must have shape \(\d+,\)"),
+        (-good, 1.0, np.zeros(3), 0, "ranges must be positive"),
+        (good, np.nan, np.zeros(3), 0, "stamp_s must be finite"),
+        (good, 1.0, [0.0, np.inf, 0.0], 0, "odometry must be 3 finite numbers"),
+        (good, 1.0, [0.0, 0.0], 0, "odometry must be 3 finite numbers"),
+        (good, 1.0, None, 0, "without odometry"),
+        (good, 1.0, np.zeros(3), 1, "there is no laser 1"),
+    ):
+        with pytest.raises(MapmendError, match=message):
+            front_end.add_scan(ranges, stamp, odometry, laser)
+    assert (len(front_end.graph.hung), len(front_end.graph)) == (1, 1)

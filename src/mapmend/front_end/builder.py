@@ -112,7 +112,7 @@ class FrontEnd:
             graph.hung.hang(stamp_s, odometry, node, step)
         else:
             self._open_node(ranges_m, laser, pose, tracked.match)
-            graph.hung.hang(stamp_s, odometry, node + 1, np.zeros(3))
+            graph.hung.hang(stamp_s, odometry, node + 1, se2.between(pose, pose))
             self._close_loops()
             pose = graph.chains.poses[-1].copy()
         self._pose = pose

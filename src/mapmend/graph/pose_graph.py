@@ -63,6 +63,20 @@ class PoseGraph:
         """The same graph with other poses; ``poses`` has shape (n, 3)."""
         return replace(self, poses=poses)
 
+    def with_order(self, rows: Int) -> PoseGraph:
+        """The same graph with its nodes in another order; ``rows`` (n,): which node of now comes first, second, ..."""
+        place = np.empty(len(rows), dtype=np.int64)
+        place[rows] = np.arange(len(rows))
+        return replace(
+            self,
+            poses=self.poses[rows],
+            ids=self.ids[rows],
+            edges=place[self.edges],
+            scans=None if self.scans is None else self.scans.select(rows),
+            stamps_s=None if self.stamps_s is None else self.stamps_s[rows],
+            fixed=tuple(place[list(self.fixed)].tolist()),
+        )
+
     def with_edges(self, kept: NDArray[np.bool_]) -> PoseGraph:
         """The same nodes with some of the edges; ``kept`` has shape (m,)."""
         return replace(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,11 +47,12 @@ class LoopPass:
         """
         loops = self._graph.loops
         left: dict[int, tuple[LoopEdge, bool]] = {}
+        has_scan = self._graph.scans.are_there()
         # Key-node by key-node, so that each local grid is built once.
         order = sorted(range(len(loops)), key=lambda row: int(self._key_nodes.of_node[loops[row].anchor]))
         for done, row in enumerate(order):
             edge = loops[row]
-            if not wanted[row]:
+            if not wanted[row] or not has_scan[edge.node]:
                 left[row] = (edge, False)
                 continue
             new = self._rematch(edge, float(weights[row]), se2.between(optimized[edge.anchor], optimized[edge.node]))
@@ -73,6 +74,8 @@ class LoopPass:
         graph = self._graph
         k = int(self._key_nodes.of_node[edge.anchor])
         local = self._key_nodes.local_grid(k)
+        if local.begin <= edge.node < local.begin + len(local.poses):
+            return edge  # the grid holds the very scan, which would be matched with itself
         points = graph.points.of(edge.node)
         anchor = local.poses[edge.anchor - local.begin]
         old, guess = se2.compose(anchor, edge.T_anchor_node), se2.compose(anchor, step)
@@ -89,6 +92,8 @@ class LoopPass:
             return None
         if is_same(edge.T_anchor_node, measured):
             return edge
+        if graph.keeps_information:
+            return replace(edge, T_anchor_node=measured)
         return self._verify.edge(edge.anchor, match, edge.node)
 
     def _is_verified(self, k: int, points: Float, match: Match) -> bool:

@@ -50,12 +50,15 @@ class OdometryPass:
         self._steady = SteadyStretches(graph, self._matched)
         self._renewal = Renewal(graph, self._matched, self._steady)
 
-    @property
     def can_match(self) -> Bool:
-        """Which edges (n,) can be matched, each by its last node: no edge ends at the first node of a chain."""
-        matchable = np.ones(len(self._graph), dtype=np.bool_)
-        matchable[self._graph.chains.starts] = False
-        return matchable
+        """Which edges (n,) can be matched, each identified by its last node: that node must carry a scan."""
+        return self._has_edge() & self._graph.scans.are_there()
+
+    def _has_edge(self) -> Bool:
+        """Which nodes (n,) an odometry edge ends at: all but the first of each chain."""
+        has_edge = np.ones(len(self._graph), dtype=np.bool_)
+        has_edge[self._graph.chains.starts] = False
+        return has_edge
 
     def run(self, wanted: Bool, progress: Progress = no_progress) -> OdometryResult:
         """Matches the ``wanted`` edges (n,) again, each identified by its last node."""
@@ -63,8 +66,8 @@ class OdometryPass:
         trail, optimized = TrailGrid(self._graph), chains.poses.copy()
         poses = optimized.copy()
         accepted, differs = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-        follows = self.can_match
-        for j in np.flatnonzero(follows).tolist():
+        ends = np.flatnonzero(self._has_edge()).tolist()
+        for j in ends:
             step = se2.between(optimized[j - 1], optimized[j])
             if wanted[j]:
                 step, differs[j], accepted[j] = self._rematch(j, poses[j - 1], step, trail.before(j, poses))
@@ -72,7 +75,7 @@ class OdometryPass:
             if j % 100 == 99 or j == n - 1:
                 progress("rebuilding", j + 1, n)
         edges = self._renewal.new_edges(wanted, accepted, optimized, self._reported)
-        for j in np.flatnonzero(follows).tolist():
+        for j in ends:
             step = edges[j].motion if j in edges else se2.between(optimized[j - 1], optimized[j])
             poses[j] = se2.compose(poses[j - 1], step)
         replaced = np.isin(np.arange(n), list(edges))

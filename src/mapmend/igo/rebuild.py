@@ -59,7 +59,7 @@ class Rebuilder:
         self._graph = graph
         self._odometry = OdometryPass(graph)
         self._loops = LoopPass(graph)
-        self._odometry_wanted: Bool = self._odometry.can_match.copy()
+        self._odometry_wanted: Bool = self._odometry.can_match()
         self._loops_wanted: Bool = np.ones(len(graph.loops), dtype=np.bool_)
 
     def rebuild(self, loop_weights: Float, progress: Progress = no_progress) -> Round:

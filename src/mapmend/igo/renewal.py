@@ -23,6 +23,7 @@ class Renewal:
     """Makes new edges from the matches of a pass, ``matched``."""
 
     def __init__(self, graph: ScanGraph, matched: MatchedEdges, steady: SteadyStretches) -> None:
+        self._graph = graph
         self._chains = graph.chains
         self._config = graph.config
         self._matched = matched
@@ -78,6 +79,8 @@ class Renewal:
         both = matched.covariances[j] + carry @ before @ carry.T
         if matched.is_open[j]:
             both = opened(both, matched.open_axes[j])
+        if self._graph.keeps_information:
+            return OdometryEdge(motion, self._chains.covariances[j].copy(), self._chains.drifts[j].copy())
         return OdometryEdge(motion, *edge_covariance(both, odometry, matched.scores[j], self._config.match.min_score))
 
 

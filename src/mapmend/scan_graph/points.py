@@ -49,6 +49,10 @@ class NodeScans:
         """The readings of a node's scan, shape (beams,), a view."""
         return self._ranges_m.rows[self._offsets.rows[node] : self._offsets.rows[node + 1]]
 
+    def are_there(self) -> NDArray[np.bool_]:
+        """Which nodes carry a scan, shape (n,)."""
+        return np.diff(self._offsets.rows) > 0
+
     def laser_of(self, node: int) -> int:
         """Which of ``geometries`` a node's scan was taken with."""
         return int(self._laser.rows[node])

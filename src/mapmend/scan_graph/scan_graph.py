@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.config import Config
+from mapmend.errors import MapmendError
+from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.matching.gauss_newton import SurfaceMatcher
 from mapmend.scan import LaserGeometry
@@ -17,6 +19,7 @@ from mapmend.scan_graph.hung_scans import HungScans
 from mapmend.scan_graph.key_nodes import KeyNodes
 from mapmend.scan_graph.loop_edges import LoopEdge, LoopEdges
 from mapmend.scan_graph.points import NodeScans, ScanPoints
+from mapmend.scan_graph.sorted_edges import sort_edges
 
 Float = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -24,9 +27,10 @@ Int = NDArray[np.int64]
 
 
 class ScanGraph:
-    """``chains``: the nodes and odometry edges. ``hung``: the log's scans, each attached to a node. ``scans``,
-    ``points``: those of the nodes. ``key_nodes``: stretches of the chains with a grid each. ``loops``: the loop edges.
-    ``loop_edges`` makes and verifies them.
+    """``chains``: the nodes and odometry edges. ``hung``: the log's scans, each on a node. ``scans``, ``points``: those
+    of the nodes. ``key_nodes``: stretches of the chains with a grid each. ``loops``: the loop edges. ``loop_edges``
+    makes and verifies them. ``keeps_information``: an edge that is matched again keeps the information it had, for
+    information from another system and ours have no common scale.
     """
 
     def __init__(self, config: Config, geometries: tuple[LaserGeometry, ...] = ()) -> None:
@@ -39,6 +43,32 @@ class ScanGraph:
         self.key_nodes = KeyNodes(self.chains, self.points, config)
         self.loop_edges = LoopEdges(self.chains, self.key_nodes, self.matcher, config)
         self.loops: list[LoopEdge] = []
+        self.keeps_information = False
+
+    @classmethod
+    def from_pose_graph(cls, graph: PoseGraph, config: Config) -> ScanGraph:
+        """The graph of scans that a pose graph with scans on its nodes is, whatever system made it.
+
+        Nodes follow each other in the order of their rows, by the odometry edges between neighbouring rows; where there
+        is none, the chain is broken. What such an edge measures also stands for what the wheels reported. Further
+        odometry edges are stretches, all others loop edges. Nothing is known of how errors of neighbouring edges
+        cancel, so all of a covariance counts as drift. Raises MapmendError for a graph without scans.
+        """
+        if graph.scans is None or len(graph) == 0:
+            raise MapmendError("the graph's nodes carry no scans; only a graph with scans can be rebuilt")
+        scan_graph = cls(config, graph.scans.geometries)
+        sorted_edges = sort_edges(graph)
+        laid = np.zeros(3)
+        stamps_s = np.arange(len(graph), dtype=np.float64) if graph.stamps_s is None else graph.stamps_s
+        for k, pose in enumerate(graph.poses):
+            edge = sorted_edges.odometry.get(k)
+            laid = laid if edge is None else se2.compose(laid, edge.motion)
+            scan_graph.add_node(graph.scans.ranges_of(k), graph.scans.laser_of(k), pose, edge)
+            scan_graph.hung.hang(float(stamps_s[k]), laid, k, np.zeros(3))
+        scan_graph.keeps_information = True
+        scan_graph.chains.given_stretches = sorted_edges.stretches
+        scan_graph.loops = sorted_edges.loops
+        return scan_graph
 
     def __len__(self) -> int:
         return len(self.chains)
