@@ -3,10 +3,12 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from mapmend.io.g2o import write_g2o
+from mapmend.scan import LaserGeometry, Scans
 from tests.cli.interrupts import interrupted
 from tests.consistency.scenes import graph_of, room_graph
 
@@ -87,10 +89,23 @@ def test_what_can_not_be_checked_is_refused_in_one_line(mapmend, log_path, tmp_p
     answer = mapmend("check", bare)
     assert answer.code == 2
     assert "0 of 5 nodes carry a scan" in answer.complaint
+    assert "name a graph whose nodes carry their scans" in answer.complaint
     assert mapmend("check", tmp_path / "nowhere.g2o").code == 2
     (tmp_path / "file").write_text("")
     assert "can't be written" in mapmend("check", bare, "-o", tmp_path / "file" / "x").complaint
     assert "no RUN folder" in mapmend("check", tmp_path).complaint
+
+
+def test_an_error_that_is_not_about_scans_names_no_scans(mapmend, tmp_path):
+    wide = LaserGeometry(2, -1.6, 3.2, 20.0)
+    sparse = replace(
+        room_graph(12), scans=Scans(np.ones(24, np.float32), 2 * np.arange(13), np.zeros(12, np.int32), (wide,))
+    )
+    write_g2o(tmp_path / "sparse.g2o", sparse)
+    for command in ("check", "tune"):
+        answer = mapmend(command, tmp_path / "sparse.g2o")
+        assert answer.code == 2
+        assert answer.complaint.endswith("3.2 rad apart: no free space is known between them")
 
 
 def test_a_picture_that_can_not_be_written_is_refused_before_the_work(mapmend, right_path, tmp_path, monkeypatch):

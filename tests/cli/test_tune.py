@@ -104,7 +104,12 @@ def test_what_can_not_be_tuned_is_refused_in_one_line(mapmend, log_path, path, t
     assert "0 of 5 nodes carry a scan" in answer.complaint
     assert not (tmp_path / "out").exists()
     write_g2o(tmp_path / "chain.g2o", room_graph(5, with_loop=False))
-    assert "no loop edges" in mapmend("tune", tmp_path / "chain.g2o").complaint
+    without_loops = mapmend("tune", tmp_path / "chain.g2o").complaint
+    assert without_loops.endswith("the graph has no loop edges that a kernel could doubt; name one that has")
+    broken = room_graph(12)
+    broken.edges[5] = 3, 5
+    write_g2o(tmp_path / "broken.g2o", broken)
+    assert mapmend("tune", tmp_path / "broken.g2o").complaint.endswith("start along a tree")
     (tmp_path / "file").write_text("")
     assert "can't be written" in mapmend("tune", path, "-o", tmp_path / "file" / "x").complaint
     assert mapmend("tune", tmp_path / "nowhere.g2o").code == 2

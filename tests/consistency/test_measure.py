@@ -29,6 +29,15 @@ def measured(scans, poses, config=CONFIG):
     return n, total
 
 
+def test_lasers_of_many_beams_have_wedges_of_their_own():
+    """More beams than 16 bits count."""
+    geometry = LaserGeometry(40_001, -np.pi / 2.0, np.pi / 40_000.0, 20.0)
+    scans = scans_of((geometry,), [np.full(40_001, 3.0)])
+    wedges = view_scans(scans, CONFIG).beams.wedges
+    assert wedges.min() >= 0
+    assert wedges.max() > 2**15
+
+
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from(LASERS), st.sampled_from(LASERS))
 def test_the_measure_is_that_of_the_definition(seed, first, second):

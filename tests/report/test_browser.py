@@ -198,6 +198,21 @@ def test_what_igo_and_tune_found_stands_below_and_leads_to_the_map(browser, tmp_
     assert shown.complaints() == []
 
 
+@pytest.mark.parametrize("phi", [0.0, 1.0])
+def test_a_kernel_parameter_of_zero_has_its_place_on_the_curve(browser, tmp_path, phi):
+    folder, _ = room_run(tmp_path / "run")
+    tuned = {"kernel": "dcs", "phi": phi, "measure": 0.01, "p_value": 0.2, "consistent": True, "switched_off": []}
+    curve = [[0.0, 0.01 + 0.02 * phi], [0.1, 0.02], [1.0, 0.03 - 0.02 * phi]]
+    (folder / "tune.json").write_text(json.dumps(tuned | {"curve": curve}))
+    (tmp_path / "page.html").write_text(report_page([read_checked(folder, Config())]))
+    shown = browser.open(tmp_path / "page.html")
+    assert len(shown.all("#results .curve circle")) == 4
+    drawn = shown.js("return document.querySelector('#results .curve').outerHTML")
+    assert "NaN" not in drawn
+    assert "Infinity" not in drawn
+    assert shown.complaints() == []
+
+
 def test_names_are_never_markup(browser, tmp_path):
     room_run(tmp_path / "<img src=x onerror=alert(1)>", log="</script><script>document.title='broken'<!--")
     path = tmp_path / "page.html"

@@ -22,7 +22,8 @@ from mapmend.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.report import embedding
 from mapmend.report.embedding import packed, packed_map, safe_json
 from mapmend.report.page import report_page
-from mapmend.report.run_data import read_checked, run_values
+from mapmend.report.run_data import _scans, read_checked, run_values
+from mapmend.scan import LaserGeometry, Scans
 from tests.report.conftest import NODES, room_run
 
 
@@ -122,6 +123,23 @@ def test_names_are_text_wherever_they_stand(tmp_path):
 def test_arrays_are_packed_as_they_are(kind):
     values = np.arange(7).astype(kind)
     np.testing.assert_array_equal(unpacked(packed(values, kind)), values)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind"), [([255, 256], "uint8"), ([-1], "uint16"), ([2**31], "int32"), ([0.5], "uint8")]
+)
+def test_what_does_not_fit_is_not_packed(values, kind):
+    with pytest.raises(OverflowError, match=kind):
+        packed(values, kind)
+
+
+def test_scans_of_many_lasers_keep_theirs():
+    """A laser that never turns at the same speed has a geometry of its own in every scan."""
+    geometries = tuple(LaserGeometry(2, -1.0, 0.5 + 0.001 * k, 30.0) for k in range(300))
+    scans = Scans(np.ones(600, np.float32), 2 * np.arange(301), np.arange(300, dtype=np.int32), geometries)
+    values = _scans(scans)
+    np.testing.assert_array_equal(unpacked(values["laser"]), np.arange(300))
+    assert values["lasers"][256][1] == 0.5 + 0.256
 
 
 def test_large_maps_are_shrunk_and_keep_their_walls(monkeypatch):

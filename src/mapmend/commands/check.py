@@ -44,7 +44,7 @@ def run(args: Namespace) -> int:
         with ProgressBar() as progress, told_compiling():
             result = check(graph, config, threads=thread_count(args.threads), progress=progress)
     except MapmendError as error:
-        raise InputError(args.graph, str(error), "name a graph whose nodes carry their scans") from error
+        raise InputError(args.graph, str(error)) from error
     say_notes(graph.notes)
     for note in result.notes:
         say(f"note: {note}")

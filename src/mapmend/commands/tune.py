@@ -87,7 +87,7 @@ def run(args: Namespace) -> int:
                 progress=progress,
             )
     except MapmendError as error:
-        raise InputError(args.graph, str(error), "name a graph with scans and loops, or try another --init") from error
+        raise InputError(args.graph, str(error)) from error
     seconds |= {"tune": time.perf_counter() - began, "compile": compiling.seconds}
     say_notes(graph.notes)
     for note in result.notes:

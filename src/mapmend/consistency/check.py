@@ -86,7 +86,8 @@ def basis_of(
     scans = graph.scans
     with_scans = 0 if scans is None else int(np.count_nonzero(np.diff(scans.offsets)))
     if scans is None or with_scans < 2:
-        raise MapmendError(f"{with_scans} of {len(graph)} nodes carry a scan; a check compares at least two")
+        what = f"{with_scans} of {len(graph)} nodes carry a scan; a check compares at least two"
+        raise MapmendError(f"{what}: name a graph whose nodes carry their scans")
     notes = []
     if with_scans < len(graph):
         notes.append(f"{len(graph) - with_scans} of {len(graph)} nodes carry no scan and are left out")

@@ -35,9 +35,10 @@ class InconsistentRegion:
 
 
 def contradicting_points(views: PlacedViews, tests: PairTests, scans: ScanTests, scales: Float) -> Bool:
-    """The end points, (returns,), that are deep in the free space of a scan in a failed pair of two failed scans.
+    """The end points, (returns,), that are deep in the free space of the other scan of a failed pair.
 
-    ``scales``: (k,), metres, those of the tested pairs.
+    Only pairs with a failed scan count; the other scan need not have failed, because a scan may fail by contradicting
+    many good ones. ``scales``: (k,), metres, those of the tested pairs.
     """
     chosen = tests.failed & scans.failed[tests.pairs].any(axis=1)
     marks = np.zeros(len(views.scans.points), np.int64)

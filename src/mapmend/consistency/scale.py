@@ -117,7 +117,7 @@ def estimate_scales(
     has scales so wide that it would always pass. None if no scan has a pair, since then nothing shows the noise.
     """
     if not np.all(np.isfinite(laid.poses)):
-        raise MapmendError("the poses along the odometry edges are not finite")
+        raise MapmendError("the poses along the odometry edges are not finite; correct the largest measurement")
     pairs = laid.neighbours(config.neighbours, config.neighbours_m)
     placed = views.placed(laid.poses)
     pieces = [pairs[k : k + PAIRS_A_PIECE] for k in range(0, len(pairs), PAIRS_A_PIECE)]

@@ -21,13 +21,13 @@ class Beams:
     """What all polygons of one laser have in common, by laser: see ``_kernels``. Beams are counted from right to left.
 
     ``rays``: (lasers, most, 2): the directions of the vertices, and after them one into the middle of the blind side,
-    if there is one; there the polygon returns to the laser. ``wedges``: int16, (lasers, SECTORS, 2), those of the two
+    if there is one; there the polygon returns to the laser. ``wedges``: int32, (lasers, SECTORS, 2), those of the two
     edges of a sector. ``most_passed``: (lasers,), the greatest number of rays in one sector.
     ``counts``: (lasers,), how many directions.
     """
 
     rays: Float
-    wedges: NDArray[np.int16]
+    wedges: NDArray[np.int32]
     most_passed: Int
     counts: Int
 

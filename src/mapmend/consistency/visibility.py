@@ -109,7 +109,7 @@ def _beams(directions: list[Float]) -> Beams:
     directions = directions or [np.zeros(0)]
     most = max(len(bearings) for bearings in directions)
     rays = np.zeros((len(directions), most, 2))
-    wedges = np.zeros((len(directions), _kernels.SECTORS, 2), np.int16)
+    wedges = np.zeros((len(directions), _kernels.SECTORS, 2), np.int32)
     for k, bearings in enumerate(directions):
         rays[k, : len(bearings)] = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
         if len(bearings):
@@ -135,10 +135,10 @@ def _directions(geometry: LaserGeometry) -> Float:
     return np.append(bearings, bearings[-1] + blind / 2.0)
 
 
-def _wedges(bearings: Float, angles: Float) -> NDArray[np.int16]:
+def _wedges(bearings: Float, angles: Float) -> NDArray[np.int32]:
     """The wedge between two neighbouring bearings, (count,), that contains each angle."""
     beyond_first = (angles - bearings[0]) % (2.0 * np.pi)
-    return (np.searchsorted(bearings - bearings[0], beyond_first, side="right") - 1).astype(np.int16)
+    return (np.searchsorted(bearings - bearings[0], beyond_first, side="right") - 1).astype(np.int32)
 
 
 def _sector_edges() -> Float:

@@ -22,8 +22,14 @@ _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", 
 
 
 def packed(values: ArrayLike, kind: str) -> dict[str, str]:
-    """An array as the page's ``unpack`` takes it; ``kind``: a NumPy type, little endian in the page."""
-    array = np.ascontiguousarray(np.asarray(values).ravel(), dtype=np.dtype(kind).newbyteorder("<"))
+    """An array as the page's ``unpack`` takes it; ``kind``: a NumPy type, little endian in the page.
+
+    Raises ``OverflowError`` for values that an integer type cannot hold.
+    """
+    given = np.asarray(values).ravel()
+    array = np.ascontiguousarray(given, dtype=np.dtype(kind).newbyteorder("<"))
+    if array.dtype.kind in "iu" and not np.array_equal(array, given):
+        raise OverflowError(f"some of the values do not fit into {kind}")
     return {"kind": kind, "base64": b64encode(array.tobytes()).decode("ascii")}
 
 

@@ -70,16 +70,19 @@ function loopBetween(model, from, to) {
   return found === undefined ? null : found;
 }
 
-// M(phi) over the logarithm of phi, with the chosen value marked.
+// M(phi) over the logarithm of phi, with the chosen value marked. phi = 0 has no logarithm: its place is beside the axis.
 function curveOf({ curve, phi, measure }) {
-  const [width, height, left, bottom, top] = [480, 200, 62, 34, 12];
-  const known = curve.filter(([p, m]) => p > 0 && Number.isFinite(m)).sort((a, b) => a[0] - b[0]);
+  const [width, height, bottom, top, axis] = [480, 200, 34, 12, 62];
+  const finite = curve.filter(([p, m]) => p >= 0 && Number.isFinite(m)).sort((a, b) => a[0] - b[0]);
+  const known = finite.filter(([p]) => p > 0);
   if (known.length < 2) return "";
+  const atZero = finite.length > known.length || phi === 0;
+  const left = atZero ? axis + 34 : axis;
   const logs = known.map(([p]) => Math.log10(p));
-  const values = known.map(([, m]) => m);
+  const values = [...finite.map(([, m]) => m), measure];
   const span = (list) => [Math.min(...list), Math.max(...list)];
   const [[x0, x1], [y0, y1]] = [span(logs), span(values)];
-  const x = (p) => left + ((Math.log10(p) - x0) / (x1 - x0 || 1)) * (width - left - 12);
+  const x = (p) => (p > 0 ? left + ((Math.log10(p) - x0) / (x1 - x0 || 1)) * (width - left - 12) : axis + 10);
   const y = (m) => height - bottom - ((m - y0) / (y1 - y0 || 1)) * (height - bottom - top);
   const shape = (name, attributes, text) => {
     const node = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -88,18 +91,19 @@ function curveOf({ curve, phi, measure }) {
     return node;
   };
   const image = shape("svg", { viewBox: `0 0 ${width} ${height}`, class: "curve", role: "img",
-    "aria-label": `Measure over phi from ${significant(10 ** x0)} to ${significant(10 ** x1)}, least at ${significant(phi)}` });
+    "aria-label": `Measure over phi from ${significant(atZero ? 0 : 10 ** x0)} to ${significant(10 ** x1)}, least at ${significant(phi)}` });
   const line = (x1_, y1_, x2_, y2_) => shape("line", { x1: x1_, y1: y1_, x2: x2_, y2: y2_, stroke: "#d5dae0" });
-  image.append(line(left, height - bottom, width - 12, height - bottom), line(left, top, left, height - bottom));
+  image.append(line(axis, height - bottom, width - 12, height - bottom), line(axis, top, axis, height - bottom));
+  if (atZero) image.append(shape("text", { x: x(0), y: height - bottom + 16, "text-anchor": "middle" }, "0"));
   for (let power = Math.ceil(x0); power <= x1; power += 1) {
     image.append(line(x(10 ** power), height - bottom, x(10 ** power), height - bottom + 4),
       shape("text", { x: x(10 ** power), y: height - bottom + 16, "text-anchor": "middle" }, significant(10 ** power)));
   }
-  for (const m of [y0, y1]) image.append(shape("text", { x: left - 6, y: y(m) + 4, "text-anchor": "end" }, metres(m, 4)));
+  for (const m of [y0, y1]) image.append(shape("text", { x: axis - 6, y: y(m) + 4, "text-anchor": "end" }, metres(m, 4)));
   image.append(
     shape("text", { x: (left + width) / 2, y: height - 3, "text-anchor": "middle" }, "\u03c6"),
     shape("polyline", { points: known.map(([p, m]) => `${x(p)},${y(m)}`).join(" "), fill: "none", stroke: "#1456b8", "stroke-width": 2 }),
-    ...known.map(([p, m]) => shape("circle", { cx: x(p), cy: y(m), r: 2.5, fill: "#1456b8" })),
+    ...finite.map(([p, m]) => shape("circle", { cx: x(p), cy: y(m), r: 2.5, fill: "#1456b8" })),
     shape("circle", { cx: x(phi), cy: y(measure), r: 6, fill: "none", stroke: "#a4161a", "stroke-width": 2 }),
   );
   return image;

@@ -293,6 +293,6 @@ def _scans(scans: Scans) -> dict[str, Any]:
         "per_m": READINGS_PER_M,
         "readings": packed(np.where(seen, np.rint(np.where(seen, ranges, 0.0) * READINGS_PER_M), 0), "uint16"),
         "offsets": packed(np.concatenate(([0], np.cumsum(counts))), "int32"),
-        "laser": packed(scans.geometry_index, "uint8"),
+        "laser": packed(scans.geometry_index, "int32"),
         "lasers": [[g.first_angle_rad, g.angle_increment_rad * stride, *g.T_robot_laser] for g in scans.geometries],
     }

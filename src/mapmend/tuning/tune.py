@@ -137,9 +137,10 @@ def tune(
         raise MapmendError(f"kernel must be one of {', '.join(KERNELS)}, got {kernel!r}")
     with_scans = 0 if scans is None else int(np.count_nonzero(np.diff(scans.offsets)))
     if scans is None or with_scans < 2:
-        raise MapmendError(f"{with_scans} of {len(graph)} nodes carry a scan; tuning compares at least two")
+        what = f"{with_scans} of {len(graph)} nodes carry a scan; tuning compares at least two"
+        raise MapmendError(f"{what}: name a graph whose nodes carry their scans")
     if not graph.is_loop.any():
-        raise MapmendError("the graph has no loop edges that a kernel could doubt")
+        raise MapmendError("the graph has no loop edges that a kernel could doubt; name one that has")
     start = graph.with_poses(starting_poses(graph, init))
     basis = basis_of(start, config.consistency, threads=threads, progress=progress)
     search = Search(start, kernel, sample_of(basis.views.placed(start.poses)), threads, progress)

@@ -22,6 +22,10 @@ class UnknownFrameError(MapmendError):
     """Two frames without a chain of transforms between them."""
 
 
+class MovingFrameError(MapmendError):
+    """A frame that moves where it should be fixed to another."""
+
+
 @dataclass
 class Joint:
     """One edge of the tree. A constant transform is kept once, a moving one as x, y and yaw over time."""
@@ -112,7 +116,7 @@ class Frames:
         return next((name for name in _ROBOT_FRAMES if name in self), None)
 
     def fixed(self, target: str, source: str) -> Float:
-        """``T_target_source``, shape (4, 4); raises UnknownFrameError, and MapmendError if a part of it moves."""
+        """``T_target_source``, shape (4, 4); raises UnknownFrameError, and MovingFrameError if a part of it moves."""
         up, down = self.ancestors(target), self.ancestors(source)
         meeting = next((name for name in up if name in down), None)
         if meeting is None:
@@ -124,7 +128,7 @@ class Frames:
         for name in chain[: chain.index(to)]:
             joint = self.joints[name]
             if joint.moves:
-                raise MapmendError(f"frame '{joint.child}' moves relative to '{joint.parent}'")
+                raise MovingFrameError(f"frame '{joint.child}' moves relative to '{joint.parent}'")
             T = _matrix(joint.first) @ T
         return T
 

@@ -13,7 +13,15 @@ from mapmend.errors import InputError, MapmendError
 from mapmend.geometry.se2 import compose
 from mapmend.io.bags.container import Bag, Topic, open_bag
 from mapmend.io.bags.deskew import deskewed
-from mapmend.io.bags.frames import Frames, Mounting, UnknownFrameError, mounting_of, planar, plane_pose
+from mapmend.io.bags.frames import (
+    Frames,
+    Mounting,
+    MovingFrameError,
+    UnknownFrameError,
+    mounting_of,
+    planar,
+    plane_pose,
+)
 from mapmend.io.bags.messages import (
     NANOSECONDS,
     ODOMETRY_TYPE,
@@ -74,8 +82,10 @@ def read_bag(
         return _assemble(gathered, bag, odometry_topic, chosen)
     except InputError:
         raise
-    except MapmendError as error:
+    except (UnknownFrameError, MovingFrameError) as error:
         raise InputError(path, str(error), "choose the robot's frame with --base-frame") from None
+    except MapmendError as error:
+        raise InputError(path, str(error)) from None
 
 
 def choose_scan_topic(bag: Bag, options: BagOptions) -> str:
@@ -233,7 +243,7 @@ def _mountings(gathered: Gathered, robot_frame: str | None, notes: list[Note]) -
         tilt = mountings[frame].tilt_rad
         if tilt > _MOST_TILT_RAD:
             what = f"laser '{frame}' is tilted by {np.rad2deg(tilt):.0f} degrees against '{robot_frame}'"
-            raise MapmendError(f"{what}: its scans are no floor plan")
+            raise MapmendError(f"{what}: its scans are no floor plan; choose another laser with --scan-topic")
         if tilt > _TILT_RAD:
             notes.append(Note(f"laser '{frame}' is tilted by {np.rad2deg(tilt):.1f} degrees, which is left out"))
     return mountings
