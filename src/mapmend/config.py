@@ -46,6 +46,13 @@ class GridConfig(Block):
     cell_size_m: float = setting(0.05, above=0)
     insert_every_m: float = 0.05
     insert_every_rad: float = 0.05
+    spot_m: float = setting(1.0, above=0)  # of the scans from one spot, one goes into a grid that is built of many
+    spot_rad: float = setting(0.7, above=0)
+    # A cell of the map is occupied if at least this share of its beams returned from it. With a half, walls would
+    # disappear: a wall fills only a part of its cells, range noise puts half of its returns into the next cell, and a
+    # beam that grazes it passes three cells of its surface or more before it returns. A person who walked through is
+    # seen in a cell a few times, the floor there a hundred times: that share is well below a quarter.
+    occupied_share: float = setting(0.25, above=0, at_most=1)
     align: bool = False  # turn the map so that most of its walls run along its axes
 
 
@@ -62,6 +69,7 @@ class MatchConfig(Block):
     convergence_m: float = 1e-4
     widening: float = setting(2.0, above=0)
     min_score: float = setting(0.85, at_most=1)  # IGO (2): the share of matched beams of a good estimate
+    min_points: int = 20  # a scan with fewer points is too little evidence against the odometry
 
 
 @dataclass(frozen=True)
@@ -111,6 +119,9 @@ class LoopConfig(Block):
     view_std_m: float = 2.5  # how far apart two poses may be and still see the same walls
     guess_every_m: float = setting(0.05, above=0)
     drift_per_m: float = 0.02  # guards the ellipse against over-confident edges
+    most_turn_rad: float = setting(0.6, above=0)  # no search for a loop turns the robot by more
+    strain_m: float = 0.06  # a loop edge to a known key-node that disagrees by more calls for an optimization
+    strain_rad: float = 0.02
     farthest_m: float = 60.0  # the greatest distance at which relocation looks for the robot after drift
     certain_std_m: float = setting(0.1, above=0)  # below these two, Gauss-Newton alone finds the match
     certain_std_rad: float = setting(0.05, above=0)
@@ -134,6 +145,10 @@ class IgoConfig(Block):
     NAME = "igo"
 
     rounds: int = 5  # the paper's iter
+    same_m: float = 0.02  # an edge whose match returns within these two is unchanged
+    same_rad: float = 0.007
+    clear_gain: float = setting(0.05, at_most=1)  # a match that fits better by this needs no other reason to be taken
+    long_open_m: float = 3.0  # by laser alone, a shorter open stretch is open only if its length clearly changed
     settled_share: float = 0.01  # of chi2, which for a sound graph is about the number of nodes: epsilon of Algorithm 1
 
 
@@ -151,6 +166,8 @@ class ConsistencyConfig(Block):
     neighbours: int = setting(20, above=0)  # scans before and after along the odometry that a scale is estimated from
     neighbours_m: float = 6.0  # and no farther than this: key scans are metres apart, with drift between them
     most_scale_m: float = setting(0.2, above=0)  # scans of one pass that differ by more show two walls, not noise
+    range_std_m: float = setting(0.01, above=0)  # the laser's noise, where no odometry edges show the scans' noise
+    same_pass_m: float = 15.0  # scans no farther apart along the odometry belong to one pass
     scale_level: float = setting(0.05, above=0, below=1)  # (10): pairs along the odometry all pass at this level
     prior_std_m: float = setting(0.03, above=0)  # the error of an optimized pose, added to every scale
     least_inflation: float = setting(0.4, above=0)  # how far the pairs of one pass may narrow or widen the scales

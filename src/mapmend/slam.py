@@ -124,10 +124,11 @@ def build_map(
             built, tuning = tuned(built, config, threads, progress)
     with stage("map", seconds):
         built, alignment = aligned(built, config)
-        graph, scan_config = built.graph, config.scan
+        graph = built.graph
         assert graph.scans is not None
-        size = config.grid.cell_size_m
-        occupancy = occupancy_map(graph.scans, graph.poses, scan_config, size, threads=threads, progress=progress)
+        occupancy = occupancy_map(
+            graph.scans, graph.poses, config.scan, config.grid, threads=threads, progress=progress
+        )
     chi2_initial, chi2_final = _chi2(graph)
     return MapResult(
         method=method,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapmend.config import ScanConfig
+from mapmend.config import GridConfig, ScanConfig
 from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import compose
 from mapmend.grid import occupancy
@@ -15,6 +15,7 @@ from mapmend.scan import LaserGeometry, Scans
 from tests.reference.occupancy_counts import count_beams
 
 CONFIG = ScanConfig(min_range_m=0.05, max_range_m=4.0)
+FINE, COARSE = GridConfig(), GridConfig(cell_size_m=0.1)
 # Bearings and mountings that put no beam's end exactly on the edge of a cell, where rounding decides.
 GEOMETRY = LaserGeometry(7, -1.5123, 0.5077, 10.0, (0.1213, 0.0371, 0.1))
 
@@ -57,10 +58,10 @@ def test_the_same_bytes_for_any_number_of_threads_and_bands(monkeypatch):
     rng = np.random.default_rng(1)
     scans = one_geometry(rng.uniform(0.1, 5.0, (200, 7)))
     robot = rng.uniform((-20, -20, -3), (20, 20, 3), (200, 3))
-    first = occupancy_map(scans, robot, CONFIG, 0.05, threads=1)
-    second = occupancy_map(scans, robot, CONFIG, 0.05, threads=3)
+    first = occupancy_map(scans, robot, CONFIG, FINE, threads=1)
+    second = occupancy_map(scans, robot, CONFIG, FINE, threads=3)
     monkeypatch.setattr(occupancy, "BAND_ROWS", 17)
-    third = occupancy_map(scans, robot, CONFIG, 0.05, threads=2)
+    third = occupancy_map(scans, robot, CONFIG, FINE, threads=2)
     assert first.origin == second.origin == third.origin
     np.testing.assert_array_equal(first.image, second.image)
     np.testing.assert_array_equal(first.image, third.image)
@@ -75,25 +76,25 @@ AHEAD = LaserGeometry(1, 0.0, 0.1, 100.0)
 
 
 def test_a_beam_clears_up_to_its_return_and_says_nothing_beyond():
-    grid = occupancy_map(one_geometry([[2.02]], AHEAD), np.zeros((1, 3)), CONFIG, 0.1)
+    grid = occupancy_map(one_geometry([[2.02]], AHEAD), np.zeros((1, 3)), CONFIG, COARSE)
     assert [cell_at(grid, x, 0.05) for x in (0.05, 1.95, 2.05, 2.15)] == [FREE, FREE, OCCUPIED, UNKNOWN]
     assert grid.origin[0] == pytest.approx(round(grid.origin[0] / 0.1) * 0.1)
 
 
 def test_a_reading_beyond_the_longest_range_clears_and_marks_nothing():
-    grid = occupancy_map(one_geometry([[60.0]], AHEAD), np.zeros((1, 3)), CONFIG, 0.1)
+    grid = occupancy_map(one_geometry([[60.0]], AHEAD), np.zeros((1, 3)), CONFIG, COARSE)
     assert cell_at(grid, 3.85, 0.05) == FREE
     assert not np.any(grid.image == OCCUPIED)
     assert grid.image.shape[1] < 50
 
 
 def test_a_beam_without_return_says_nothing():
-    grid = occupancy_map(one_geometry([[np.inf]], AHEAD), np.zeros((1, 3)), CONFIG, 0.1)
+    grid = occupancy_map(one_geometry([[np.inf]], AHEAD), np.zeros((1, 3)), CONFIG, COARSE)
     assert np.all(grid.image == UNKNOWN)
 
 
 def test_who_walked_through_is_not_in_the_map():
-    grid = occupancy_map(one_geometry([[2.02]] * 20 + [[1.02]] * 2, AHEAD), np.zeros((22, 3)), CONFIG, 0.1)
+    grid = occupancy_map(one_geometry([[2.02]] * 20 + [[1.02]] * 2, AHEAD), np.zeros((22, 3)), CONFIG, COARSE)
     assert cell_at(grid, 1.05, 0.05) == FREE
     assert cell_at(grid, 2.05, 0.05) == OCCUPIED
 
@@ -103,21 +104,21 @@ def test_two_lasers_of_different_beam_counts():
     scans = Scans(
         np.array([1.02, 1.02, 1.02], np.float32), np.array([0, 1, 3, 3]), np.array([0, 1, 0], np.int32), (AHEAD, rear)
     )
-    grid = occupancy_map(scans, np.zeros((3, 3)), CONFIG, 0.1)
+    grid = occupancy_map(scans, np.zeros((3, 3)), CONFIG, COARSE)
     assert cell_at(grid, 1.05, 0.05) == OCCUPIED
     assert np.count_nonzero(grid.image == OCCUPIED) == 3
 
 
 def test_no_scans_make_a_small_unknown_map():
-    grid = occupancy_map(one_geometry(np.zeros((0, 1)), AHEAD), np.zeros((0, 3)), CONFIG, 0.1)
+    grid = occupancy_map(one_geometry(np.zeros((0, 1)), AHEAD), np.zeros((0, 3)), CONFIG, COARSE)
     assert np.all(grid.image == UNKNOWN)
 
 
 def test_absurd_extents_and_bad_poses_are_refused():
     scans = one_geometry([[1.0], [1.0]], AHEAD)
     with pytest.raises(MapmendError, match="cell_size_m"):
-        occupancy_map(scans, np.array([[0, 0, 0], [1e6, 1e6, 0]], dtype=float), CONFIG, 0.05)
+        occupancy_map(scans, np.array([[0, 0, 0], [1e6, 1e6, 0]], dtype=float), CONFIG, FINE)
     with pytest.raises(MapmendError, match="finite"):
-        occupancy_map(scans, np.array([[0, 0, 0], [np.nan, 0, 0]]), CONFIG, 0.05)
+        occupancy_map(scans, np.array([[0, 0, 0], [np.nan, 0, 0]]), CONFIG, FINE)
     with pytest.raises(MapmendError, match="shape"):
-        occupancy_map(scans, np.zeros((3, 3)), CONFIG, 0.05)
+        occupancy_map(scans, np.zeros((3, 3)), CONFIG, FINE)

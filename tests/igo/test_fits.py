@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mapmend.config import Config
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
-from mapmend.igo.fits import CLEAR_GAIN, TIE, Fits
+from mapmend.igo.fits import TIE, Fits
 from mapmend.matching.gauss_newton import SurfaceMatcher
 from mapmend.scan import LaserGeometry, Scans
 from mapmend.scan_graph.points import ScanPoints
@@ -73,4 +73,4 @@ def test_along_a_bare_corridor_no_pose_is_clearly_better():
     for k in range(19):
         grid.insert(points.of(k), np.zeros(3), poses[k])
     gain, noise = fits.gain(grid, points.of(19), poses[18], poses[19])
-    assert abs(gain) < max(TIE * noise, CLEAR_GAIN)
+    assert abs(gain) < max(TIE * noise, Config().igo.clear_gain)

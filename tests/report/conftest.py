@@ -36,7 +36,7 @@ def room_run(folder, shift_m=0.0, log="room.clf"):
         config=config,
         trajectory=Trajectory(graph.stamps_s, graph.poses),
         graph=graph,
-        occupancy=occupancy_map(graph.scans, graph.poses, config.scan, config.grid.cell_size_m),
+        occupancy=occupancy_map(graph.scans, graph.poses, config.scan, config.grid),
         key_nodes=np.array([0, 20, 40, 60]),
         counts={"scans": NODES, "nodes": NODES, "key_nodes": 4, "odometry_edges": NODES - 1, "loop_edges": 2},
         chi2_initial=30.0,

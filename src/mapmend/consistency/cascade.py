@@ -27,10 +27,10 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-SAME_PASS_M, BULK, TAIL = 15.0, 0.9, 1.9
+BULK, TAIL = 0.9, 1.9
 """In a consistent map, the value that one in a hundred of all pairs exceeds is this many times the value that a tenth
-of the pairs within this path along the odometry exceed. A wrong loop cannot move the scans of such pairs far apart, so
-a wrong map does not widen its own scales."""
+of the pairs of one pass (`consistency.same_pass_m`) exceed. A wrong loop cannot move the scans of such pairs far apart,
+so a wrong map does not widen its own scales."""
 
 FEWEST_PAIRS = 100
 """With fewer such pairs, their distribution is not estimated."""
@@ -76,7 +76,7 @@ def judge_pairs(
     enough = measures.kept >= config.min_points
     pairs, n, total = measures.pairs[enough], measures.kept[enough], measures.kept_m[enough]
     scale = pair_scales(scales, pairs, config)
-    same_pass = laid.within(pairs, SAME_PASS_M) if laid else np.zeros(len(pairs), np.bool_)
+    same_pass = laid.within(pairs, config.same_pass_m) if laid else np.zeros(len(pairs), np.bool_)
     needed = implied_scale(total[same_pass], n[same_pass], config.pair_level) / scale[same_pass]
     inflation = _inflation(needed, config)
     psi = standardized(total, n.astype(np.float64), inflation * scale)

@@ -95,7 +95,7 @@ def basis_of(
     scales = estimate_scales(views, laid, config, threads, progress)
     if scales is None:
         notes.append("no scale can be estimated without odometry edges between scans; the laser's own noise is used")
-        scales = sensor_scales(len(graph))
+        scales = sensor_scales(len(graph), config)
     return Basis(views, laid, scales, tuple(notes))
 
 

@@ -26,9 +26,6 @@ HALF_NORMAL_MEAN = float(np.sqrt(2.0 / np.pi))
 HALF_NORMAL_STD = float(np.sqrt(1.0 - 2.0 / np.pi))
 """Of a half-normal distribution with scale 1, MC (3)."""
 
-RANGE_STD_M = 0.01
-"""The noise of a laser, for graphs that give no estimate: a scale is the root of two times it (MC section IV-A)."""
-
 PAIRS_A_PIECE = 1 << 13
 
 
@@ -135,9 +132,9 @@ def estimate_scales(
     return np.minimum(scales, config.most_scale_m)
 
 
-def sensor_scales(n: int) -> Float:
+def sensor_scales(n: int, config: ConsistencyConfig) -> Float:
     """The scales by the laser's noise alone, (n,), metres."""
-    return np.full(n, np.sqrt(2.0) * RANGE_STD_M)
+    return np.full(n, np.sqrt(2.0) * config.range_std_m)
 
 
 def pair_scales(scales: Float, pairs: Int, config: ConsistencyConfig) -> Float:

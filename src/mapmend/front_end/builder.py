@@ -30,9 +30,6 @@ Float32 = NDArray[np.float32]
 # If an optimization moves no node by more than this, the global grid stays as it is.
 STILL_M = 0.02
 STILL_RAD = 0.007
-# If a loop edge to a known key-node disagrees by more than this, the graph is optimized.
-STRAIN_M = 0.06
-STRAIN_RAD = 0.02
 
 
 class FrontEnd:
@@ -187,7 +184,8 @@ class FrontEnd:
     def _is_strained(self, edge: LoopEdge) -> bool:
         poses = self.graph.chains.poses
         error = se2.between(edge.T_anchor_node, se2.between(poses[edge.anchor], poses[edge.node]))
-        return bool(np.hypot(error[0], error[1]) > STRAIN_M or abs(error[2]) > STRAIN_RAD)
+        loops = self.config.loops
+        return bool(np.hypot(error[0], error[1]) > loops.strain_m or abs(error[2]) > loops.strain_rad)
 
     def _optimize(self) -> bool:
         """Optimizes the current graph; True if a node moved enough to rebuild the grids."""

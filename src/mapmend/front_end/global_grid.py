@@ -52,7 +52,7 @@ class GlobalGrid:
     def _insert(self, k: int) -> None:
         row, poses = self._key_nodes.rows[k], self._graph.chains.poses
         nodes = np.arange(row.first, row.end)
-        nodes = nodes[representatives(poses[nodes], self._crowd)]
+        nodes = nodes[representatives(poses[nodes], self._graph.config.grid, self._crowd)]
         insert_nodes(self.grid, self._graph.points, nodes, se2.between(ORIGIN, poses[nodes]))
         self._contents.add(k)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from mapmend.front_end.relocation import MOST_DRIFT, MOST_TURN_RAD, Relocation
+from mapmend.front_end.relocation import MOST_DRIFT, Relocation
 from mapmend.geometry import se2
 from mapmend.graph.marginals import marginals, relative_covariances
 from mapmend.graph.system import Factorization
@@ -263,7 +263,7 @@ class LoopSearch:
         steps = np.concatenate((np.zeros((1, 2)), along, axis))
         inside = np.einsum("ni,ij,nj->n", steps, np.linalg.inv(ellipse), steps) <= 9.0
         radius = float(np.clip(3.0 * np.sqrt(values[0]), self._config.match.reach_m, most))
-        angle = float(np.clip(3.0 * np.sqrt(covariance[2, 2]), 0.05, MOST_TURN_RAD))
+        angle = float(np.clip(3.0 * np.sqrt(covariance[2, 2]), 0.05, loops.most_turn_rad))
         guesses = predicted[:2] + steps[inside]
         return Region(predicted, guesses, radius, angle, loops.tie_weight, half_length + radius, angle)
 

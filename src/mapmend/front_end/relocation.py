@@ -22,10 +22,9 @@ Int = NDArray[np.int64]
 
 # The length of the stretch that is searched for, in T_l: the wider the area, the more points must agree.
 STRETCH = 2.0
-# The loop search reaches at most this many T_l beyond T_l, and no search turns farther than this: farther searches take
-# longer and find more places that look alike by chance.
+# The loop search reaches at most this many T_l beyond T_l: farther searches take longer and find more places that look
+# alike by chance.
 MOST_DRIFT = 2.0
-MOST_TURN_RAD = 0.6
 
 
 class Relocation:
@@ -46,11 +45,11 @@ class Relocation:
         if len(nodes) == 0:
             return None
         grid = SurfaceGrid(config.grid.cell_size_m)
-        nodes = nodes[representatives(chains.poses[nodes], {})]
+        nodes = nodes[representatives(chains.poses[nodes], config.grid, {})]
         insert_nodes(grid, graph.points, nodes, se2.between(ORIGIN, chains.poses[nodes]))
         points = recent_points(chains, graph.points, STRETCH * length, chains.last)
-        here = chains.poses[-1]
-        region = Region(here, here[None, :2], radius_m, MOST_TURN_RAD, loops.tie_weight, radius_m, MOST_TURN_RAD)
+        here, turn = chains.poses[-1], loops.most_turn_rad
+        region = Region(here, here[None, :2], radius_m, turn, loops.tie_weight, radius_m, turn)
         found = search(likelihood_field(grid, config.match.half_weight_m), points, region, loops.min_likelihood)
         if found is None:
             return None

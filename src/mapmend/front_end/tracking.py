@@ -18,8 +18,6 @@ from mapmend.scan_graph.motion import STD_PER_MEDIAN, draw_hypotheses, odometry_
 
 Float = NDArray[np.float64]
 
-# A scan with fewer points cannot contradict the odometry.
-FEWEST_POINTS = 20
 # A score this far below the usual one is a drop; a scan's share of the usual score makes it follow some twenty scans.
 DROP = 0.1
 USUAL_SHARE = 0.05
@@ -92,7 +90,7 @@ class Tracker:
     def _is_doubtful(self, match: Match, points: int) -> bool:
         """Whether fewer beams match than required, and fewer than so far: among leaves, few beams ever match."""
         least = min(self._config.match.min_score, self._usual_score - DROP)
-        return points >= FEWEST_POINTS and match.score < least
+        return points >= self._config.match.min_points and match.score < least
 
     def _hypotheses(self, before: Float, predicted: Float, covariance: Float) -> Float:
         """Draws from the odometry model, spread wider: if a match is doubtful, the model may be wrong, for wheels slip.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.config import ScanConfig
+from mapmend.config import GridConfig, ScanConfig
 from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import compose
 from mapmend.maps import FREE, FREE_THRESHOLD, OCCUPIED, UNKNOWN, OccupancyMap
@@ -21,14 +21,6 @@ from mapmend.parallel import Progress, map_in_order, no_progress
 from mapmend.scan import Scans
 
 Float = NDArray[np.float64]
-
-OCCUPIED_SHARE = 0.25
-"""A cell is occupied if at least this share of its beams returned from it.
-
-With a half, walls would disappear: a wall fills only a part of its cells, range noise puts half of its returns into the
-next cell, and a beam that grazes it passes three cells of its surface or more before it returns. A person who walked
-through is seen in a cell a few times, the floor there a hundred times: the share is well below a quarter.
-"""
 
 FREE_SHARE = FREE_THRESHOLD
 """A cell is free below this share, which is nav2's limit; in between it stays unknown."""
@@ -55,7 +47,7 @@ def occupancy_map(
     scans: Scans,
     poses: Float,
     config: ScanConfig,
-    cell_size_m: float,
+    grid: GridConfig,
     *,
     threads: int = 1,
     progress: Progress = no_progress,
@@ -72,6 +64,7 @@ def occupancy_map(
     if not np.all(np.isfinite(poses)):
         raise MapmendError("a map needs finite poses")
     beams = _place(scans, poses, config)
+    cell_size_m = grid.cell_size_m
     first_cell, shape = _extent(beams, cell_size_m)
     image = np.full(shape, UNKNOWN, dtype=np.uint8)
     origin = (first_cell[0] * cell_size_m, first_cell[1] * cell_size_m, 0.0)
@@ -79,7 +72,7 @@ def occupancy_map(
 
     def fill(first_row: int) -> None:
         band = image[first_row : first_row + BAND_ROWS]
-        _judge(_count(beams, frame, first_row, band.shape), band)
+        _judge(_count(beams, frame, first_row, band.shape), grid.occupied_share, band)
 
     map_in_order(fill, range(0, shape[0], BAND_ROWS), threads, "map", progress)
     return OccupancyMap(image, cell_size_m, origin)
@@ -145,9 +138,9 @@ def _count(beams: _Beams, frame: Float, first_row: int, shape: tuple[int, ...]) 
     return counts
 
 
-def _judge(counts: NDArray[np.int32], band: NDArray[np.uint8]) -> None:
+def _judge(counts: NDArray[np.int32], occupied_share: float, band: NDArray[np.uint8]) -> None:
     """Writes free, occupied or unknown into ``band``, (rows, columns), from its returns and passes."""
     returns, passes = counts
     seen = returns + passes
     band[(seen > 0) & (returns < FREE_SHARE * seen)] = FREE
-    band[(returns > 0) & (returns >= OCCUPIED_SHARE * seen)] = OCCUPIED
+    band[(returns > 0) & (returns >= occupied_share * seen)] = OCCUPIED

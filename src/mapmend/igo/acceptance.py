@@ -7,7 +7,7 @@ import numpy as np
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.igo.edge_matching import CONTRADICTS, PossiblePoses
-from mapmend.igo.fits import CLEAR_GAIN, TIE, Fits
+from mapmend.igo.fits import TIE, Fits
 from mapmend.igo.guesses import is_same
 from mapmend.igo.observed import Float, turned
 from mapmend.igo.wheels import is_slip
@@ -32,7 +32,7 @@ class Acceptance:
         """Whether a re-match differs from edge j; stores the difference in squared standard deviations of the edge."""
         off = se2.between(self._chains.edges[j], found)
         self._scatter[j] = float(off @ np.linalg.solve(self._chains.covariances[j], off))
-        return not is_same(self._chains.edges[j], found)
+        return not is_same(self._chains.edges[j], found, self._config.igo)
 
     def is_accepted(self, j: int, grid: SurfaceGrid, points: Float, match: Match, poses: PossiblePoses) -> bool:
         """Whether a match replaces edge j: by fit, and where fits tie by the optimizer.
@@ -46,7 +46,7 @@ class Acceptance:
             return False
         gain, noise = self._fits.gain(grid, points, match.pose, old)
         gain -= self._doubt(match.pose, poses)
-        if gain > max(TIE * noise, CLEAR_GAIN):
+        if gain > max(TIE * noise, self._config.igo.clear_gain):
             return True
         if not is_good or not self._is_beyond_scatter(j):
             return False

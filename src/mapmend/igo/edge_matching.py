@@ -8,7 +8,7 @@ import numpy as np
 
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
-from mapmend.igo.fits import CLEAR_GAIN, TIE, Fits
+from mapmend.igo.fits import TIE, Fits
 from mapmend.igo.guesses import between, is_between
 from mapmend.igo.observed import Float, Observer, turned
 from mapmend.matching.gauss_newton import Match, round_prior
@@ -41,6 +41,7 @@ class EdgeMatcher:
     def __init__(self, graph: ScanGraph, fits: Fits) -> None:
         self._matcher = graph.matcher
         self._guess_every_m = graph.config.loops.guess_every_m
+        self._clear_gain = graph.config.igo.clear_gain
         self._by_laser_alone = not graph.config.motion.use_odometry
         self._observer = Observer(graph.config)
         self._fits = fits
@@ -85,6 +86,6 @@ class EdgeMatcher:
         along, held = turned(axis, found[2]), found.copy()
         held[:2] += along * float(along @ (poses.motion[:2] - found[:2]))
         gain, noise = self._fits.gain(grid, points, match.pose, se2.compose(poses.behind, held))
-        if gain > max(TIE * noise, CLEAR_GAIN):
+        if gain > max(TIE * noise, self._clear_gain):
             return found, information, np.zeros(2)
         return held, information, axis

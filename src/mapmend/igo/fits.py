@@ -8,8 +8,8 @@ from mapmend.igo import _kernels
 from mapmend.igo.observed import Float
 
 # Fits closer than this many standard deviations are ties: the errors of neighbouring beams are dependent, so three and
-# not two. A match that fits better by the gain, a share of the beams, needs no other reason.
-TIE, CLEAR_GAIN = 3.0, 0.05
+# not two.
+TIE = 3.0
 
 
 class Fits:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapmend.config import IgoConfig
 from mapmend.geometry import se2
 from mapmend.igo.observed import Float
 
-# A pose is right if a match moves it by less than this; the front end uses the same limit for moved nodes.
-SAME_M = 0.02
-SAME_RAD = 0.007
 # No slip moves a robot backwards by more than this.
 BACKWARDS_M = 0.05
 # The greatest number of guesses between an edge and the optimizer: a false edge may be metres off.
@@ -33,10 +31,10 @@ def is_between(first: Float, last: Float, pose: Float, slack_m: float) -> bool:
     return -BACKWARDS_M <= share <= length + slack_m
 
 
-def is_same(old: Float, new: Float) -> bool:
+def is_same(old: Float, new: Float, settings: IgoConfig) -> bool:
     """Whether two measurements (3,) of one motion are the same, so that the edge is unchanged."""
     off = se2.between(old, new)
-    return bool(np.hypot(off[0], off[1]) <= SAME_M and abs(off[2]) <= SAME_RAD)
+    return bool(np.hypot(off[0], off[1]) <= settings.same_m and abs(off[2]) <= settings.same_rad)
 
 
 def score_noise(score: float, points: int) -> float:

@@ -90,7 +90,7 @@ class LoopPass:
         measured = se2.between(anchor, match.pose)
         if weight < DISTRUST_WEIGHT and self._is_far(step, measured):
             return None
-        if is_same(edge.T_anchor_node, measured):
+        if is_same(edge.T_anchor_node, measured, self._config.igo):
             return edge
         if graph.keeps_information:
             return replace(edge, T_anchor_node=measured)

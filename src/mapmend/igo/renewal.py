@@ -67,7 +67,7 @@ class Renewal:
         for j in (int(row) for row in rows):
             new = self._new_edge(j, odometry[j])
             is_surer = np.linalg.det(new.covariance) < SURER * np.linalg.det(chains.covariances[j])
-            if is_surer and is_same(chains.edges[j], new.motion):
+            if is_surer and is_same(chains.edges[j], new.motion, self._config.igo):
                 surer[j] = OdometryEdge(chains.edges[j].copy(), new.covariance, new.drift)
         return surer
 

@@ -15,11 +15,11 @@ LOOK_BACK = 40
 # Edges after an open one may be biased too: surfaces that came into sight were drawn at poses with the open edges'
 # error.
 AFTER_OPEN = 10
-# A shorter open stretch counts only if the steady speed changes its length by this many standard deviations: over a few
-# edges the front end's own prior is as good, and a stretch that looks open may be a corner seen by few beams. Lengths
-# of 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on seeds not shown
-# there).
-LONG_OPEN_M, OPEN_SIGMA = 3.0, 5.0
+# A stretch shorter than `igo.long_open_m` counts only if the steady speed changes its length by this many standard
+# deviations: over a few edges the front end's own prior is as good, and a stretch that looks open may be a corner seen
+# by few beams. Lengths of 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on
+# seeds not shown there).
+OPEN_SIGMA = 5.0
 # An edge with an open axis is unchanged if it moves by less: its motion is computed and not matched, so that it has no
 # scatter.
 SAME_OPEN = 0.002
@@ -29,6 +29,7 @@ class SteadyStretches:
     """The steady speed of a log, round after round, from the matches of its edges, ``matched``."""
 
     def __init__(self, graph: ScanGraph, matched: MatchedEdges) -> None:
+        self._settings = graph.config.igo
         self._chains = graph.chains
         self._matched = matched
         self._seconds = edge_seconds(graph.hung)
@@ -90,7 +91,7 @@ class SteadyStretches:
                 length += float(np.hypot(motion[0], motion[1]))
             ahead /= max(float(np.hypot(ahead[0], ahead[1])), 1e-9)
             variance = ahead @ steady.covariance_of_sum(first - 1, end - 1)[:2, :2] @ ahead
-            if length < LONG_OPEN_M and float(ahead @ off) ** 2 <= OPEN_SIGMA**2 * variance:
+            if length < self._settings.long_open_m and float(ahead @ off) ** 2 <= OPEN_SIGMA**2 * variance:
                 matched.open_axes[first:end] = 0.0
 
     def _unlike_before(self, rows: Bool) -> Bool:

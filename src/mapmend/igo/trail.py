@@ -24,6 +24,7 @@ class TrailGrid:
 
     def __init__(self, graph: ScanGraph) -> None:
         self.grid = SurfaceGrid(graph.config.grid.cell_size_m)
+        self._settings = graph.config.grid
         self._chains = graph.chains
         self._points = graph.points
         self._length_m = graph.config.key_nodes.member_length_m
@@ -39,7 +40,7 @@ class TrailGrid:
         if begin != self._begin or self._end > node or stale or node - self._end > MOST_BEHIND:
             first, _ = self._chains.within(node, self._length_m, 0.0)
             nodes = np.arange(node - 1, first - 1, -1)
-            nodes = np.sort(nodes[representatives(poses[nodes], {})])
+            nodes = np.sort(nodes[representatives(poses[nodes], self._settings, {})])
             self.grid.clear()
             self._begun_at_m = float(path[node])
         else:

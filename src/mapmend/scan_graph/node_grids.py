@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmend.config import GridConfig
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.scan_graph.chains import Chains
@@ -17,10 +18,8 @@ Int = NDArray[np.int64]
 
 # The frame of a grid in the frame of the map.
 ORIGIN = np.zeros(3)
-# How many scans of one spot go into a grid, and how far apart the poses of one spot may be.
+# How many scans of one spot, taken in about one direction, go into a grid.
 CROWD = 1
-SPOT_M = 1.0
-SPOT_RAD = 0.7
 # Every third point of a stretch is enough to verify a match of the whole stretch.
 RECENT_STRIDE = 3
 
@@ -31,14 +30,15 @@ def insert_nodes(grid: SurfaceGrid, points: ScanPoints, nodes: Iterable[int], po
         grid.insert(points.of(int(node)), points.laser_origin(int(node)), pose)
 
 
-def representatives(poses: Float, crowd: dict[tuple[int, ...], int]) -> NDArray[np.bool_]:
+def representatives(poses: Float, settings: GridConfig, crowd: dict[tuple[int, ...], int]) -> NDArray[np.bool_]:
     """Which of ``poses`` (n, 3) show something new: at most ``CROWD`` from a spot in one direction.
 
     So the cost of building a grid follows the area, not the length of the log. ``crowd`` counts the poses of each spot
     so far, and is written.
     """
     room = np.zeros(len(poses), dtype=np.bool_)
-    for row, spot in enumerate(map(tuple, np.floor(poses / (SPOT_M, SPOT_M, SPOT_RAD)).astype(np.int64).tolist())):
+    size = (settings.spot_m, settings.spot_m, settings.spot_rad)
+    for row, spot in enumerate(map(tuple, np.floor(poses / size).astype(np.int64).tolist())):
         crowd[spot] = crowd.get(spot, 0) + 1
         room[row] = crowd[spot] <= CROWD
     return room
