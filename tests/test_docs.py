@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+import mapmend
 from mapmend.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -74,6 +75,13 @@ def help_of(capsys, *words: str) -> str:
     with pytest.raises(SystemExit):
         main([*words, "--help"])
     return capsys.readouterr().out
+
+
+def test_quoted_python_names_are_public():
+    pages = [(ROOT / name).read_text() for name in ("README.md", "docs/using.md", "docs/architecture.md")]
+    names = {name for page in pages for name in re.findall(r"\bmapmend\.(\w+)\(", page)}
+    assert len(names) > 5
+    assert names - set(mapmend.__all__) == set()
 
 
 def test_quoted_commands_and_options_exist(capsys):
