@@ -8,19 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmend.baselines import _filter_kernels
+from mapmend.baselines._filter_kernels import Likelihood, ProposalSettings
 from mapmend.baselines.gmapping import systematic
 from mapmend.baselines.particle_maps import ParticleMaps
 from mapmend.config import MatchConfig
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
-from mapmend.matching.gauss_newton import SurfaceMatcher
+from mapmend.matching._kernels import match_points
+from mapmend.matching.gauss_newton import NO_PRIOR, SurfaceMatcher, match_settings, round_prior
 from tests.baselines.maps import contents_of
 from tests.matching.scenes import Scene
 from tests.reference import particle_filter
 
 SIZE_M = 0.05
-MATCH = np.array([SIZE_M, 0.2, 0.1, 0.03, 12, 1e-4, 2.0])
-LIKELIHOOD = np.array([SIZE_M, 0.075, 0.2])
+MATCH = match_settings(MatchConfig(), is_roughness_used=False)
+LIKELIHOOD = Likelihood(std_m=0.075, worst_m=0.2)
+SETTINGS = ProposalSettings(0.3, MATCH, LIKELIHOOD)
 
 
 class Mapped:
@@ -31,14 +34,14 @@ class Mapped:
         self.maps, self.grid = ParticleMaps(1, SIZE_M), SurfaceGrid(SIZE_M, clearing_stride=1)
         for k, pose in enumerate(self.scene.poses[::2]):
             points = self.scene.scan_at(pose, k)
-            settings = self.maps.claim(points, np.zeros(3), pose[None])
-            self.maps.insert(0, points, pose, settings)
+            self.maps.claim(points, np.zeros(3), pose[None])
+            self.maps.insert(0, points, np.zeros(3), pose)
             self.grid.insert(points, np.zeros(3), pose)
         self.points = self.scene.scan_at(self.scene.here, 77)
 
     @property
     def map(self):
-        return self.maps.tables[0], self.maps.frame, self.maps.cells
+        return self.maps.of(0)
 
 
 @pytest.fixture(scope="module")
@@ -49,22 +52,20 @@ def mapped():
 def test_the_match_is_that_of_the_front_end(mapped):
     start = se2.compose(mapped.scene.here, [0.06, -0.05, 0.03])
     expected = SurfaceMatcher(MatchConfig()).match(mapped.grid, mapped.points, start)
-    pose, normal = start.copy(), np.empty(6)
-    open_prior = np.array([*start, 1e3, 1e3])
-    score = _filter_kernels.match_scan(*mapped.map, mapped.points, pose, open_prior, MATCH, normal)
-    np.testing.assert_allclose(pose, expected.pose, atol=1e-3)
-    assert score == pytest.approx(expected.score, abs=0.02)
-    np.testing.assert_allclose(normal, expected.normal_matrix[np.triu_indices(3)], rtol=0.05, atol=1.0)
-    np.testing.assert_allclose(pose, mapped.scene.here, atol=0.01)
+    found = match_points(mapped.map, mapped.points, start, NO_PRIOR, MATCH)
+    np.testing.assert_allclose(found.pose, expected.pose, atol=1e-3)
+    assert found.matched / len(mapped.points) == pytest.approx(expected.score, abs=0.02)
+    np.testing.assert_allclose(found.normal_matrix, expected.normal_matrix, rtol=0.05, atol=1.0)
+    np.testing.assert_allclose(found.pose, mapped.scene.here, atol=0.01)
 
 
 def test_the_prior_holds_where_the_map_says_nothing(mapped):
     nowhere = np.array([500.0, 500.0, 1.0])
-    pose, normal = nowhere + np.array([0.1, 0.0, 0.0]), np.empty(6)
-    prior = np.array([*nowhere, 0.1, 0.1])
-    assert _filter_kernels.match_scan(*mapped.map, mapped.points, pose, prior, MATCH, normal) == 0.0
-    np.testing.assert_allclose(pose, nowhere, atol=1e-6)
-    assert not normal.any()
+    start = nowhere + np.array([0.1, 0.0, 0.0])
+    found = match_points(mapped.map, mapped.points, start, round_prior(nowhere, 0.1, 0.1), MATCH)
+    assert found.matched == 0
+    np.testing.assert_allclose(found.pose, nowhere, atol=1e-6)
+    assert not found.normal_matrix.any()
 
 
 @settings(deadline=None)  # the first example compiles
@@ -72,15 +73,14 @@ def test_the_prior_holds_where_the_map_says_nothing(mapped):
 def test_the_likelihood_is_that_of_its_twin(x, y, turn):
     mapped = _ONE
     pose = se2.compose(mapped.scene.here, [x, y, turn])
-    got = _filter_kernels.log_likelihood(*mapped.map, mapped.points, pose, LIKELIHOOD)
-    assert got == pytest.approx(particle_filter.log_likelihood(_CONTENTS, mapped.points, pose, LIKELIHOOD), abs=1e-4)
+    got = _filter_kernels.log_likelihood(mapped.map, mapped.points, pose, LIKELIHOOD)
+    assert got == pytest.approx(
+        particle_filter.log_likelihood(_CONTENTS, mapped.points, pose, (SIZE_M, *LIKELIHOOD)), abs=1e-4
+    )
 
 
 def fitted(mapped, prior, mode, information):
-    result = np.empty(13)
-    settings = np.concatenate((prior, LIKELIHOOD))
-    _filter_kernels.fit_proposal(*mapped.map, mapped.points, settings, mode, information, result)
-    return result[:3], result[3:12].reshape(3, 3), result[12]
+    return _filter_kernels.fit_proposal(mapped.map, mapped.points, prior, mode, information, LIKELIHOOD)
 
 
 def test_without_a_map_the_proposal_is_the_odometry(mapped):
@@ -90,7 +90,7 @@ def test_without_a_map_the_proposal_is_the_odometry(mapped):
     np.testing.assert_allclose(mean, prior[:3], atol=1e-9)
     # 27 samples of a Gaussian: 7 % narrow in its variance, 4 % off in its integral along each axis.
     np.testing.assert_allclose(covariance, np.diag([0.2**2, 0.2**2, 0.05**2]), rtol=0.08, atol=1e-12)
-    unseen = -0.5 * 0.5 * len(mapped.points) * (LIKELIHOOD[2] / LIKELIHOOD[1]) ** 2
+    unseen = -0.5 * 0.5 * len(mapped.points) * (LIKELIHOOD.worst_m / LIKELIHOOD.std_m) ** 2
     integral = 1.5 * math.log(2.0 * math.pi) + 2.0 * math.log(0.2) + math.log(0.05)
     assert evidence == pytest.approx(unseen + integral, abs=0.15)
 
@@ -98,12 +98,9 @@ def test_without_a_map_the_proposal_is_the_odometry(mapped):
 def test_observation_and_odometry_meet_where_bayes_says(mapped):
     here = mapped.scene.here
     off = here + np.array([0.02, 0.0, 0.0])
-    pose, normal = here.copy(), np.empty(6)
     prior = np.array([*off, 0.005, 0.002])  # as sure as the beams
-    _filter_kernels.match_scan(*mapped.map, mapped.points, pose, np.array([*here, 1e3, 1e3]), MATCH, normal)
-    observed = np.zeros((3, 3))
-    observed[np.triu_indices(3)] = normal / LIKELIHOOD[1] ** 2
-    observed = observed + np.triu(observed, 1).T
+    found = match_points(mapped.map, mapped.points, here, NO_PRIOR, MATCH)
+    pose, observed = found.pose, found.normal_matrix / LIKELIHOOD.std_m**2
     told = np.diag([1 / 0.005**2, 1 / 0.005**2, 1 / 0.002**2])
     expected = np.linalg.solve(observed + told, observed @ pose + told @ off)
     mean, covariance, _ = fitted(mapped, prior, expected, observed + told)
@@ -115,32 +112,28 @@ def test_observation_and_odometry_meet_where_bayes_says(mapped):
 def test_better_poses_weigh_more(mapped):
     """A particle whose map fits the scan where the odometry expects it weighs more than one a hand's width off."""
     here = mapped.scene.here
-    particles = np.zeros((2, 14))
-    particles[:, :3] = here, se2.compose(here, [0.5, 0.5, 0.0])
-    priors = np.column_stack((particles[:, :3], np.full(2, 0.05), np.full(2, 0.02)))
-    settings = np.array([0.0, 0.3, *MATCH, *LIKELIHOOD[1:]])
-    tables = np.repeat(mapped.maps.tables, 2, axis=0)
-    normals = np.zeros((2, 3))
-    _filter_kernels.propose(
-        tables, mapped.maps.frame, mapped.maps.cells, mapped.points, particles, priors, settings, normals
-    )
-    assert particles[0, 3] > particles[1, 3] + 10.0
-    np.testing.assert_allclose(particles[0, :3], here, atol=0.01)
+    particles = particles_at(here, se2.compose(here, [0.5, 0.5, 0.0]))
+    priors = np.column_stack((particles.poses, np.full(2, 0.05), np.full(2, 0.02)))
+    shared = mapped.maps.shared._replace(tables=np.repeat(mapped.maps.shared.tables, 2, axis=0))
+    _filter_kernels.propose(shared, 0, mapped.points, particles, priors, SETTINGS, np.zeros((2, 3)))
+    assert particles.log_weights[0] > particles.log_weights[1] + 10.0
+    np.testing.assert_allclose(particles.poses[0], here, atol=0.01)
 
 
 def test_an_unmatched_scan_leaves_the_odometry_to_draw(mapped):
     nowhere = np.array([500.0, 500.0, 1.0])
-    particles = np.zeros((1, 14))
-    particles[0, :3] = nowhere
+    particles = particles_at(nowhere)
     prior = np.array([[*nowhere, 0.3, 0.1]])
-    settings = np.array([0.0, 0.3, *MATCH, *LIKELIHOOD[1:]])
-    _filter_kernels.propose(*mapped_arguments(mapped), particles, prior, settings, np.array([[1.0, -1.0, 2.0]]))
-    np.testing.assert_allclose(particles[0, :3], nowhere + np.array([0.3, -0.3, 0.2]))
-    np.testing.assert_allclose(particles[0, 4:13].reshape(3, 3), np.diag([0.09, 0.09, 0.01]))
+    normals = np.array([[1.0, -1.0, 2.0]])
+    _filter_kernels.propose(mapped.maps.shared, 0, mapped.points, particles, prior, SETTINGS, normals)
+    np.testing.assert_allclose(particles.poses[0], nowhere + np.array([0.3, -0.3, 0.2]))
+    np.testing.assert_allclose(particles.covariances[0], np.diag([0.09, 0.09, 0.01]))
 
 
-def mapped_arguments(mapped):
-    return mapped.maps.tables, mapped.maps.frame, mapped.maps.cells, mapped.points
+def particles_at(*poses):
+    """Particles to be proposed from these poses."""
+    n = len(poses)
+    return _filter_kernels.Particles(np.array(poses), np.zeros(n), np.zeros((n, 3, 3)), np.zeros(n))
 
 
 @settings(deadline=None)  # the first example compiles

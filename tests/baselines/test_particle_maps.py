@@ -20,9 +20,9 @@ def scene():
 
 
 def insert(maps, points, poses):
-    settings = maps.claim(points, LASER, poses)
+    maps.claim(points, LASER, poses)
     for p, pose in enumerate(poses):
-        maps.insert(p, points, pose, settings)
+        maps.insert(p, points, LASER, pose)
 
 
 def test_a_particle_alone_has_the_surface_grid_with_all_beams_clearing(scene):
@@ -78,6 +78,6 @@ def test_particles_of_one_parent_share_all_tiles_until_they_write(scene):
     # What is near touches some tiles only: those alone are copied.
     near = points[np.hypot(points[:, 0], points[:, 1]) < np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.2)]
     insert(maps, near, np.tile(scene.here, (20, 1)))
-    written = [len(np.unique(maps.tables[:, r, c])) for r, c in np.argwhere(maps.tables[0] >= 0)]
+    written = [len(np.unique(maps.shared.tables[:, r, c])) for r, c in np.argwhere(maps.shared.tables[0] >= 0)]
     assert set(written) == {1, 20}
     assert maps.tiles_in_use == sum(written)

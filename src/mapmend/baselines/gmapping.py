@@ -14,11 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmend.baselines import _filter_kernels
+from mapmend.baselines._filter_kernels import Likelihood, Particles, ProposalSettings, propose
 from mapmend.baselines.particle_maps import ParticleMaps
 from mapmend.config import Config, GMappingConfig
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
+from mapmend.matching._kernels import match_points
+from mapmend.matching.gauss_newton import match_settings, round_prior
 from mapmend.parallel import Progress, map_in_order, no_progress
 from mapmend.scan import ScanLog
 from mapmend.scan_graph.chains import OdometryEdge
@@ -72,18 +74,7 @@ class ParticleFilter:
         self.unmatched = 0
         self._parents = np.arange(count)
         self._best = 0
-        match = config.match
-        self._match_settings = np.array(
-            [
-                config.grid.cell_size_m,
-                match.reach_m,
-                match.half_weight_m,
-                match.distance_std_m,
-                match.iterations,
-                match.convergence_m,
-                match.widening,
-            ]
-        )
+        self._match_settings = match_settings(config.match, is_roughness_used=False)
         # Since the last update: the way and the turn that the odometry reports, its motion, and that of the scans.
         self._way_m = self._turn_rad = 0.0
         self._reported = np.zeros(3)
@@ -128,57 +119,44 @@ class ParticleFilter:
         origin = self.poses[self._best]
         pose = se2.compose(origin, expected)
         std = _motion_std(math.hypot(motion[0], motion[1]), abs(float(motion[2])), self.settings)
-        prior = np.array([*pose, *std])
-        start = pose.copy()
-        score = _filter_kernels.match_scan(
-            self.maps.tables[self._best],
-            self.maps.frame,
-            self.maps.cells,
-            points,
-            pose,
-            prior,
-            self._match_settings,
-            np.empty(6),
-        )
-        return se2.between(origin, pose if score >= self.settings.minimum_score else start)
+        found = match_points(self.maps.of(self._best), points, pose, round_prior(pose, *std), self._match_settings)
+        is_matched = found.matched / max(len(points), 1) >= self.settings.minimum_score
+        return se2.between(origin, found.pose if is_matched else pose)
 
     def _update(self, k: int, points: Float) -> None:
         """Steps 1 to 6 of the paper's Algorithm 1 for all particles, then its selective resampling."""
         count = len(self.poses)
-        particles = np.zeros((count, 14))
-        particles[:, :3] = se2.compose(self.poses, self._tracked)
+        poses = se2.compose(self.poses, self._tracked)
+        particles = Particles(poses, np.zeros(count), np.zeros((count, 3, 3)), np.zeros(count))
         std = _motion_std(self._way_m, self._turn_rad, self.settings)
         expected = self._reported if self.config.motion.use_odometry else self._tracked
         priors = np.column_stack((se2.compose(self.poses, expected), np.tile(std, (count, 1))))
         normals = self._random.standard_normal((count, 3))
-        settings = np.array(
-            [0.0, self.settings.minimum_score, *self._match_settings, self.settings.lsigma_m, self.config.match.reach_m]
-        )
-        maps = self.maps
+        likelihood = Likelihood(float(self.settings.lsigma_m), float(self.config.match.reach_m))
+        settings = ProposalSettings(float(self.settings.minimum_score), self._match_settings, likelihood)
 
         def move(first: int) -> None:
             rows = slice(first, first + CHUNK)
-            own = np.concatenate(([first], settings[1:]))
-            _filter_kernels.propose(
-                maps.tables, maps.frame, maps.cells, points, particles[rows], priors[rows], own, normals[rows]
-            )
+            own = Particles(*(array[rows] for array in particles))
+            propose(self.maps.shared, first, points, own, priors[rows], settings, normals[rows])
 
         map_in_order(move, range(0, count, CHUNK), self._threads)
-        self.poses = particles[:, :3].copy()
-        self.unmatched += int(np.count_nonzero(particles[:, 13] < self.settings.minimum_score))
-        self.log_weights += particles[:, 3] / self.settings.ogain
+        self.poses = particles.poses
+        self.unmatched += int(np.count_nonzero(particles.scores < self.settings.minimum_score))
+        self.log_weights += particles.log_weights / self.settings.ogain
         self.log_weights -= self.log_weights.max()
-        self._insert(k, points, particles[:, 4:13].reshape(count, 3, 3))
+        self._insert(k, points, particles.covariances)
         self._best = int(np.argmax(self.log_weights))
         self._resample()
 
     def _insert(self, k: int, points: Float, covariances: Float) -> None:
         """Puts scan k into every particle's map at its pose, and notes the update."""
-        claimed = self.maps.claim(points, self._points.laser_origin(k), self.poses)
+        laser = self._points.laser_origin(k)
+        self.maps.claim(points, laser, self.poses)
 
         def insert(first: int) -> None:
             for p in range(first, min(first + CHUNK, len(self.poses))):
-                self.maps.insert(p, points, self.poses[p], claimed)
+                self.maps.insert(p, points, laser, self.poses[p])
 
         map_in_order(insert, range(0, len(self.poses), CHUNK), self._threads)
         self.updates.append(Update(k, self._tracked, self.poses.copy(), covariances, self._parents))
