@@ -69,7 +69,7 @@ def sums_of(commit: str, arguments: argparse.Namespace) -> Sums:
             archive = subprocess.run(["git", "archive", full], check=True, capture_output=True).stdout
             subprocess.run(["tar", "-x", "-C", str(checkout)], input=archive, check=True)
             for kind in missing:
-                known[kind] = dict(KIND_OUTPUTS[kind](Command(checkout), Path(arguments.data), Path(folder)))
+                known[kind] = dict(KIND_OUTPUTS[kind](Command(checkout), Path(arguments.data).resolve(), Path(folder)))
     if kept:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(json.dumps(known, indent=1))
@@ -81,12 +81,15 @@ class Command:
 
     def __init__(self, checkout: Path) -> None:
         self._environment = {**os.environ, "PYTHONPATH": str(checkout / "src")}
+        self._folder = checkout.parent
 
     def __call__(self, *arguments: object) -> str:
         """Runs it and gives what it prints; the answer "no" (exit code 1) is an answer."""
         words = [sys.executable, "-m", "mapmend", *map(str, arguments)]
         print(" ".join(words[2:]), file=sys.stderr, flush=True)
-        done = subprocess.run(words, check=False, capture_output=True, text=True, env=self._environment)
+        done = subprocess.run(
+            words, check=False, capture_output=True, text=True, env=self._environment, cwd=self._folder
+        )
         if done.returncode not in {0, 1}:
             _measure.stop(f"{' '.join(words)} failed: {done.stderr.strip()}")
         return done.stdout
