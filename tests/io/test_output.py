@@ -84,6 +84,26 @@ def test_disk_trouble_is_an_output_error(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_error_names_the_place_that_was_asked_for(tmp_path):
+    def work():
+        with whole_or_nothing(tmp_path / "run") as output:
+            (output.path / "graph.g2o").symlink_to("/dev/full")
+            write_whole(output.path / "graph.g2o", "graph")
+
+    with pytest.raises(OutputError, match=rf"^{tmp_path}/run/graph\.g2o: can't be written \(No space left on device\)"):
+        work()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_write_protected_file_of_an_older_run_stays(tmp_path, monkeypatch):
+    put(tmp_path / "run", "old")
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "graph.g2o" and access(path, mode))
+    with pytest.raises(OutputError, match=r"graph\.g2o: is write-protected"):
+        put(tmp_path / "run")
+    assert (tmp_path / "run" / "graph.g2o").read_text() == "old"
+
+
 def test_an_older_run_stays_until_the_new_one_is_whole(tmp_path):
     put(tmp_path / "run", "old")
     before = tree(tmp_path)

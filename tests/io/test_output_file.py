@@ -103,5 +103,5 @@ def test_an_output_that_is_the_input_is_refused(tmp_path):
 def test_a_write_protected_file_stays(tmp_path, monkeypatch):
     (tmp_path / "a.g2o").write_text("keep")
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    with pytest.raises(OutputError, match="write-protected"):
+    with pytest.raises(OutputError, match=r"a\.g2o: is write-protected; choose another place, or allow writing"):
         check_file_writable(tmp_path / "a.g2o")

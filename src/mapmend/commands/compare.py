@@ -59,6 +59,9 @@ def run(args: Namespace) -> int:
         place = output.path
         with ProgressBar() as progress:
             rows += [_run_child({**request, "method": m, "run": str(place / m)}, progress) for m in args.methods]
+        for row in rows:
+            if "failed" in row:
+                row["failed"] = row["failed"].replace(str(place), args.output)
         if all("failed" in row for row in rows):
             raise MapmendError(rows[0]["failed"])
         for note in next(row["notes"] for row in rows if "notes" in row):

@@ -163,6 +163,8 @@ def whole_or_nothing(directory: str | Path, names: Iterable[str] = ()) -> Iterat
         swap.put_in_place(staging, place)
     except OSError as error:
         raise not_written(Path(directory), error) from None
+    except OutputError as error:  # about a file in the hidden folder, whose name says nothing to the user
+        raise OutputError(str(error).replace(str(staging.new), str(directory))) from None
     finally:
         swap.close(staging)
 
@@ -298,8 +300,10 @@ def _check_free(target: Path, place: Path, names: Iterable[str]) -> None:
             if os.path.lexists(place / above) and ((place / above).is_symlink() or not (place / above).is_dir()):
                 raise _foreign(target / above)
         file = place / name
-        if os.path.lexists(file) and (name not in own or file.is_symlink() or not file.is_file()):
-            raise _foreign(target / name)
+        if os.path.lexists(file):
+            if name not in own or file.is_symlink() or not file.is_file():
+                raise _foreign(target / name)
+            _check_access(file)
 
 
 def _foreign(path: Path) -> OutputError:
@@ -322,7 +326,7 @@ def _sweep_about(place: Path) -> None:
 
 def _check_access(target: Path) -> None:
     if not os.access(target, os.W_OK):
-        raise PermissionError(errno.EACCES, "write-protected")
+        raise OutputError(f"{target}: is write-protected; choose another place, or allow writing")
 
 
 def _check_takes_files(folder: Path) -> None:
