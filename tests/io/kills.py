@@ -16,8 +16,9 @@ MOST_CHANGES = 2_000
 class Changes:
     """Counts what a process does below ``root``, and kills it just before, and within a write, number ``last``."""
 
-    def __init__(self, root, last):
+    def __init__(self, root, last, only_renames=False):
         self.root, self.last, self.count = str(root), last, 0
+        self.kinds = {"os.rename"} if only_renames else CHANGES | {"open", "write", "fsync"}
 
     def watch(self):
         """Begin; what is watched can't be freed again, so this is for a process that ends soon."""
@@ -25,22 +26,24 @@ class Changes:
         write, exchange = os.write, swap.exchange
 
         def half_written(descriptor, data):
-            if self.count + 1 == self.last:
+            if self.count + 1 == self.last and "write" in self.kinds:
                 write(descriptor, data[: len(data) // 2])
-            self.happens()
+            self.happens("write")
             return write(descriptor, data)
 
         def synced(_):
-            self.happens()  # what SIGKILL leaves is in the system's memory: no disk has to be waited for
+            self.happens("fsync")  # what SIGKILL leaves is in the system's memory: no disk has to be waited for
 
         def exchanged(one, other):
-            self.happens()
+            self.happens("os.rename")
             exchange(one, other)
-            self.happens()
+            self.happens("os.rename")
 
         os.write, os.fsync, swap.exchange = half_written, synced, exchanged
 
-    def happens(self):
+    def happens(self, kind):
+        if kind not in self.kinds:
+            return
         self.count += 1
         if self.count == self.last:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -49,21 +52,21 @@ class Changes:
         if event == "open" and arguments[2] is not None:
             opens_to_write = isinstance(arguments[0], str) and arguments[2] & (os.O_WRONLY | os.O_RDWR)
             if opens_to_write and arguments[0].startswith(self.root):
-                self.happens()
+                self.happens(event)
         elif event in CHANGES:
             path = os.fspath(arguments[0]) if not isinstance(arguments[0], int) else self.root
             # A name that is relative is one below a folder that rmtree holds open.
             if path.startswith(self.root) or not os.path.isabs(path):
-                self.happens()
+                self.happens(event)
 
 
-def run_killed(work, root, last):
+def run_killed(work, root, last, only_renames=False):
     """Run ``work`` in a process that is killed at its change number ``last``; whether it ended before that."""
     child = os.fork()
     if child == 0:
         code = 1
         try:
-            changes = Changes(root, last)
+            changes = Changes(root, last, only_renames)
             changes.watch()
             work()
             code = 0
@@ -89,20 +92,21 @@ def seen(root):
     return found
 
 
-def kill_everywhere(work, root, scratch, *, plain=seen, recover=lambda: None, every=1):
+def kill_everywhere(work, root, scratch, *, plain=seen, recover=lambda: None, only_renames=False):
     """Kill ``work``, which changes ``root``, at every change: the older or the new must be there, and work again.
 
-    ``plain``: what counts of ``root`` in comparing. ``recover``: what a reader does first. ``every``: try each so
-    many changes only. Gives how many changes there were.
+    ``plain``: what counts of ``root`` in comparing. ``recover``: what a reader does first. Returns how many changes
+    there were; with ``only_renames``, how many renames.
     """
     older = plain(root)
     shutil.copytree(root, scratch / "older", symlinks=True)
     assert run_killed(work, root, 0)
     new = plain(root)
-    for last in range(1, MOST_CHANGES, every):
+    assert new != older
+    for last in range(1, MOST_CHANGES):
         shutil.rmtree(root)
         shutil.copytree(scratch / "older", root, symlinks=True)
-        ended = run_killed(work, root, last)
+        ended = run_killed(work, root, last, only_renames)
         recover()
         there = plain(root)
         assert there in (older, new), f"neither the older nor the new is there after a kill at change {last}"

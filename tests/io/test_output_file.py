@@ -84,6 +84,12 @@ def test_a_file_whose_name_mapmend_chose_replaces_only_its_own(tmp_path):
     for text in ("first", "second"):
         write_own(tmp_path / "new" / "report.html", f'<meta name="generator" content="mapmend 0.1.0">{text}')
     assert (tmp_path / "new" / "report.html").read_text().endswith("second")
+    (tmp_path / "link.html").symlink_to("new/report.html")
+    write_own(tmp_path / "link.html", "third")
+    assert (tmp_path / "link.html").is_symlink()
+    assert (tmp_path / "new" / "report.html").read_text() == "third"
+    with pytest.raises(OutputError, match="is there, and not by mapmend"):
+        write_own(tmp_path / "link.html", "fourth")
 
 
 def test_an_output_that_is_the_input_is_refused(tmp_path):

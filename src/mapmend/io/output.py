@@ -92,7 +92,7 @@ def check_own_writable(path: str | Path) -> None:
     """Raise OutputError now if `write_own` could not put a file at ``path``."""
     target = Path(path)
     try:
-        if os.path.lexists(target) and not target.is_dir() and not is_own_content(target):
+        if target.is_file() and not is_own_content(target):
             raise OutputError(f"{target}: is there, and not by mapmend; name another folder, or move that file away")
         if target.parent.exists():
             check_file_writable(target)
@@ -301,7 +301,9 @@ def _check_free(target: Path, place: Path, names: Iterable[str]) -> None:
                 raise _foreign(target / above)
         file = place / name
         if os.path.lexists(file):
-            if name not in own or file.is_symlink() or not file.is_file():
+            if file.is_symlink():
+                raise OutputError(f"{target / name}: is a link; name another folder, or remove the link")
+            if name not in own or not file.is_file():
                 raise _foreign(target / name)
             _check_access(file)
 

@@ -88,7 +88,7 @@ def is_own_content(path: Path) -> bool:
 
     Known are its pictures with axes (.png), its report (.html) and its graphs (.g2o, .toro, .graph).
     """
-    if path.is_symlink() or not path.is_file():
+    if not path.is_file():
         return False
     if path.suffix in (".g2o", ".toro", ".graph"):
         from mapmend.io.laser_scans import EXACT_MARK
