@@ -1,24 +1,21 @@
 """Read the graph of a RUN, optimize it again, and print the uncertainty of its nodes: ... 03_read_the_graph.py RUN"""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 
-from mapmend.graph.marginals import marginals
-from mapmend.graph.optimizer import optimize
-from mapmend.io.g2o import read_g2o
+import mapmend
 
 
 def main(run_folder: str) -> None:
-    graph = read_g2o(Path(run_folder) / "graph.g2o")
+    graph = mapmend.read_graph(run_folder)
     print(f"{len(graph)} nodes, {len(graph.edges)} edges, {np.count_nonzero(graph.is_loop)} of them loops")
 
-    result = optimize(graph)
+    result = mapmend.optimize(graph)
     print(f"chi2 {result.chi2_initial:.2f} as read, {result.chi2_final:.2f} after {result.iterations} steps")
 
     # For every node, relative to the fixed one: x ahead, y to the left of the robot, both in metres, and the heading.
-    covariances = marginals(result.factorization)
+    covariances = mapmend.marginals(result.factorization)
     worst = int(np.argmax(np.trace(covariances[:, :2, :2], axis1=1, axis2=2)))
     ahead, left, heading = np.sqrt(np.diag(covariances[worst]))
     print(f"least certain is node {graph.ids[worst]}: {ahead:.3f} m ahead, {left:.3f} m to the left,", end=" ")

@@ -2,23 +2,20 @@
 
 import sys
 
-from mapmend.evaluation.trajectory import relative_errors, trajectory_errors
-from mapmend.io.carmen import read_carmen
-from mapmend.io.reader import read_run
-from mapmend.io.tum import read_tum
+import mapmend
 
 
 def main(run_folder: str, log_path: str, reference_path: str) -> None:
-    reference = read_tum(reference_path)
-    log = read_carmen(log_path)
-    trajectory, _ = read_run(run_folder)
+    reference = mapmend.read_trajectory(reference_path)
+    log = mapmend.read_log(log_path)
+    trajectory = mapmend.read_trajectory(run_folder)
 
     for name, stamps, poses in (
         ("odometry", log.stamps_s, log.odometry),
         ("run", trajectory.stamps_s, trajectory.poses),
     ):
-        absolute = trajectory_errors(stamps, poses, reference.stamps_s, reference.poses)
-        relative = relative_errors(stamps, poses, reference.stamps_s, reference.poses, distance_m=1.0)
+        absolute = mapmend.trajectory_errors(stamps, poses, reference.stamps_s, reference.poses)
+        relative = mapmend.relative_errors(stamps, poses, reference.stamps_s, reference.poses, distance_m=1.0)
         print(
             f"{name:10} {absolute.translation_rmse_m:.3f} m after alignment, "
             f"{relative.translation_rmse_m:.3f} m and {relative.rotation_mean_deg:.2f} deg over each metre"

@@ -1,27 +1,38 @@
 """Add false loops to a graph, and let a kernel find them: ... 05_doubt_loops.py GRAPH"""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 
-from mapmend.graph.optimizer import optimize
-from mapmend.graph.robust import distrusted, kernel_of
-from mapmend.graph.starts import along_odometry
-from mapmend.io.g2o import read_g2o
-from mapmend.lab.false_loops import add_false_loops
+import mapmend
+
+
+def with_false_loops(graph: mapmend.PoseGraph, count: int, seed: int) -> mapmend.PoseGraph:
+    """The graph and, as its last edges, loops between nodes drawn at random that measure what never was."""
+    random = np.random.default_rng(seed)
+    first, last = random.integers(0, len(graph), (2, count))
+    last = np.where(last == first, (first + 1) % len(graph), last)
+    measurements = random.uniform((-5.0, -5.0, -np.pi), (5.0, 5.0, np.pi), (count, 3))
+    information = np.tile(np.diag([100.0, 100.0, 1000.0]), (count, 1, 1))  # 0.1 m and 0.03 rad
+    return replace(
+        graph,
+        edges=np.concatenate((graph.edges, np.stack((first, last), axis=1))),
+        measurements=np.concatenate((graph.measurements, measurements)),
+        information=np.concatenate((graph.information, information)),
+        is_loop=np.concatenate((graph.is_loop, np.ones(count, np.bool_))),
+    )
 
 
 def main(path: str) -> None:
-    graph = read_g2o(path)
-    corrupted = add_false_loops(graph, "random", count=10, seed=0)
-    spoilt, is_false = corrupted.graph, corrupted.is_false
+    graph = mapmend.read_graph(path)
+    spoilt = with_false_loops(graph, count=10, seed=0)
 
     # False loops with full weight fold the map up, and a folded map stays folded: start along the odometry.
-    start = spoilt.with_poses(along_odometry(spoilt))
     for name in ("none", "gnc"):
-        result = optimize(start, kernel=kernel_of(name))
-        rows = distrusted(result.edge_weights)
-        print(f"{name}: distrusts {len(rows)} edges, {np.count_nonzero(is_false[rows])} of the {is_false.sum()} false")
+        found = mapmend.optimize_from(spoilt, "odometry", kernel=mapmend.kernel_of(name))
+        rows = mapmend.distrusted(found.result.edge_weights)
+        print(f"{name}: distrusts {len(rows)} edges, {np.count_nonzero(rows >= len(graph.edges))} of the 10 false")
 
 
 if __name__ == "__main__":

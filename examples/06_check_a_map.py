@@ -3,11 +3,10 @@
 import sys
 
 import mapmend
-from mapmend.io.g2o import read_g2o
 
 
 def main(path: str) -> None:
-    graph = read_g2o(path)
+    graph = mapmend.read_graph(path)
     result = mapmend.check(graph, threads=2)
     print(f"{'consistent' if result.consistent else 'INCONSISTENT'}, p = {result.p_value:.3g}")
     print(f"{result.scans.failed.sum()} of {len(graph)} scans contradict the others")

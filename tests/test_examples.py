@@ -1,12 +1,12 @@
 """Every example runs, on a short log, and prints what its page promises."""
 
+import re
 import runpy
 from pathlib import Path
 
 import pytest
 
 import mapmend
-from mapmend import simulation as simulation_module
 from mapmend.io.carmen import write_carmen
 from mapmend.io.g2o import write_g2o
 from mapmend.io.tum import write_tum
@@ -39,8 +39,8 @@ def test_01(folder, tmp_path, capsys):
 
 
 def test_02(capsys, monkeypatch):
-    whole = simulation_module.simulate
-    monkeypatch.setattr(simulation_module, "simulate", lambda *a, **k: first_scans(whole(*a, **k), 150))
+    whole = mapmend.simulate
+    monkeypatch.setattr(mapmend, "simulate", lambda *a, **k: first_scans(whole(*a, **k), 150))
     run("02")
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["odometry", "scanmatch", "go"]
@@ -70,8 +70,19 @@ def test_06(folder, capsys):
     assert scans.startswith("0 of ")
 
 
+def test_08(capsys):
+    run("08")
+    assert capsys.readouterr().out.startswith("converged: True")
+
+
+def test_examples_import_mapmend_alone():
+    for path in EXAMPLES.glob("*.py"):
+        imports = re.findall(r"^(?:from|import) (mapmend\S*)", path.read_text(), re.MULTILINE)
+        assert imports == ["mapmend"], path.name
+
+
 def test_all_examples_are_run_here():
-    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05", "06", "07"]
+    assert sorted(p.name[:2] for p in EXAMPLES.glob("*.py")) == ["01", "02", "03", "04", "05", "06", "07", "08"]
 
 
 def test_07(tmp_path, capsys):

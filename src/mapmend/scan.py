@@ -116,6 +116,39 @@ def checked_ranges(ranges_m: ArrayLike, geometry: LaserGeometry) -> NDArray[np.f
     return ranges
 
 
+def scans_of(ranges_m: ArrayLike, geometry: LaserGeometry) -> Scans:
+    """Scans of one laser from an array, shape (n, beams); raises MapmendError naming the scan and the beam."""
+    try:
+        ranges = np.asarray(ranges_m, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise MapmendError(f"ranges_m must be numbers, as many in each scan ({error})") from None
+    if ranges.ndim != 2 or ranges.shape[1] != geometry.beam_count:
+        raise MapmendError(f"ranges_m must have shape (n, {geometry.beam_count}), got {ranges.shape}")
+    with np.errstate(invalid="ignore"):
+        wrong = np.argwhere(ranges <= 0.0)
+    if len(wrong):
+        (k, beam), what = wrong[0].tolist(), "a range is positive, inf (no return) or nan (unusable)"
+        raise MapmendError(f"scan {k}, beam {beam}: {ranges[k, beam]:g}; {what}")
+    n, beams = ranges.shape
+    offsets = np.arange(n + 1, dtype=np.int64) * beams
+    return Scans(ranges.ravel(), offsets, np.zeros(n, np.int32), (geometry,))
+
+
+def geometry_of_angles(angles_rad: ArrayLike, max_range_m: float) -> LaserGeometry:
+    """The laser whose beams have the angles, shape (beams,); raises MapmendError unless they are evenly spaced."""
+    angles = np.asarray(angles_rad, dtype=np.float64)
+    if angles.ndim != 1 or len(angles) < 2 or not np.all(np.isfinite(angles)):
+        raise MapmendError(f"angles must be finite, of shape (beams,), with two beams at least; got {angles.shape}")
+    step = float(angles[-1] - angles[0]) / (len(angles) - 1)
+    geometry = LaserGeometry(len(angles), float(angles[0]), step, max_range_m)
+    off = np.abs(angles - geometry.bearings_rad())
+    # Angles in whole thousandths of a degree or in single precision are as even as they can be.
+    if step == 0.0 or off.max() > max(0.02 * abs(step), 2e-5):
+        k = int(np.argmax(off))
+        raise MapmendError(f"angles must be evenly spaced; beam {k} is {off[k]:.2g} rad off a step of {step:.4g} rad")
+    return geometry
+
+
 @dataclass(frozen=True)
 class Note:
     """Something odd about a file that could still be read: what, how often, and in which line first."""
@@ -155,6 +188,46 @@ class ScanLog:
             raise MapmendError(f"odometry must have shape ({n}, 3), got {self.odometry.shape}")
         if not (np.all(np.isfinite(self.stamps_s)) and np.all(np.isfinite(self.odometry))):
             raise MapmendError("stamps and odometry must be finite")
+
+    @classmethod
+    def from_arrays(
+        cls,
+        ranges_m: ArrayLike,
+        *,
+        geometry: LaserGeometry | None = None,
+        angles_rad: ArrayLike | None = None,
+        max_range_m: float | None = None,
+        stamps_s: ArrayLike | None = None,
+        odometry: ArrayLike | None = None,
+    ) -> ScanLog:
+        """A log of n scans by one laser.
+
+        ``ranges_m``: (n, beams), metres; inf for no return, nan for an unusable reading. The laser: its ``geometry``,
+        or the beams' evenly spaced ``angles_rad`` (beams,) in the robot's frame with the laser's ``max_range_m``.
+        ``stamps_s``: (n,), seconds, not falling; None if there are none. ``odometry``: (n, 3), poses of the robot
+        (metres, radians); None if there is none: such a log is mapped from the laser alone.
+
+        Raises MapmendError for other shapes, for ranges that are not positive, for numbers that are not finite, for
+        stamps that fall, and unless the laser is given in one of the two ways.
+        """
+        if (geometry is None) == (angles_rad is None):
+            raise MapmendError("give either geometry or angles_rad")
+        if geometry is None:
+            if angles_rad is None or max_range_m is None:
+                raise MapmendError("angles_rad needs max_range_m, from which on a reading is no return")
+            geometry = geometry_of_angles(angles_rad, max_range_m)
+        elif max_range_m is not None:
+            raise MapmendError("the geometry says max_range_m; leave it out")
+        scans = scans_of(ranges_m, geometry)
+        n = len(scans)
+        stamps = np.arange(n, dtype=np.float64) if stamps_s is None else np.array(stamps_s, dtype=np.float64)
+        poses = np.zeros((n, 3)) if odometry is None else np.array(odometry, dtype=np.float64)
+        log = cls(scans, stamps, poses, has_stamps=stamps_s is not None, has_odometry=odometry is not None)
+        falls = np.flatnonzero(np.diff(log.stamps_s) < 0.0)
+        if len(falls):
+            k = int(falls[0]) + 1
+            raise MapmendError(f"stamps_s must not fall; that of scan {k} is {stamps[k]:g} after {stamps[k - 1]:g}")
+        return log
 
     def __len__(self) -> int:
         return len(self.scans)

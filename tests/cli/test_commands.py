@@ -195,11 +195,3 @@ def test_no_help_loads_anything_heavy():
 def test_every_command_has_a_file_and_every_file_is_a_command():
     names = {path.stem for path in Path(commands.__file__).parent.glob("*.py")}
     assert names - {"__init__", "compare_child"} == set(SUMMARIES)
-
-
-def test_the_python_names_are_all_there():
-    for name in package.__all__:
-        assert getattr(package, name) is not None
-    assert package.__all__ == dir(package)
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        package.nothing  # noqa: B018

@@ -7,7 +7,9 @@ from typing import IO
 
 import numpy as np
 
+from mapmend.errors import MapmendError
 from mapmend.graph.pose_graph import PoseGraph
+from mapmend.io.formats import GRAPH_FORMATS, graph_format_of
 from mapmend.io.graph_lines import OTHERWISE_MARK, loops_by_ids
 from mapmend.io.laser_scans import EXACT_MARK
 from mapmend.io.laser_text import numbers, robot_laser_lines
@@ -21,8 +23,15 @@ _LINES = {
 }
 
 
-def write_graph(target: str | Path | IO[str], graph: PoseGraph, form: str) -> None:
-    """Write a graph as ``form``, ``g2o`` or ``toro``, to a file, whole or not at all, or to a text stream."""
+def write_graph(target: str | Path | IO[str], graph: PoseGraph, form: str = "") -> None:
+    """Write a graph to a file, whole or not at all, or to a text stream.
+
+    ``form``: ``g2o`` or ``toro``; by default that of the file's name (.g2o, .toro, .graph). Raises OutputError where it
+    can't be written, and MapmendError where neither says the format.
+    """
+    form = form or (isinstance(target, str | Path) and graph_format_of(target)) or ""
+    if form not in GRAPH_FORMATS:
+        raise MapmendError(f"{target}: the name is none of a graph's (.g2o, .toro, .graph); name the format")
     text = graph_text(graph, form)
     if isinstance(target, str | Path):
         write_whole(target, text)

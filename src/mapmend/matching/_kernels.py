@@ -35,7 +35,8 @@ class Matched(NamedTuple):
     """Where a match ended: its pose (3,), and the sums there.
 
     ``normal_matrix`` (3, 3): of the last step, without the prior. ``matched``: points within half the reach.
-    ``weights``, ``squares``: the sums of the weights and of the weighted squared distances.
+    ``weights``, ``squares``: the sums of the weights and of the weighted squared distances. ``converged``: whether the
+    last step was shorter than the limit.
     """
 
     pose: NDArray[np.float64]
@@ -43,6 +44,7 @@ class Matched(NamedTuple):
     matched: int
     weights: float
     squares: float
+    converged: bool
 
 
 class Judged(NamedTuple):
@@ -111,7 +113,7 @@ def match_points(tiles, points, start, prior, settings):
     normal[0, 0], normal[0, 1], normal[0, 2] = sums.xx, sums.xy, sums.xt
     normal[1, 0], normal[1, 1], normal[1, 2] = sums.xy, sums.yy, sums.yt
     normal[2, 0], normal[2, 1], normal[2, 2] = sums.xt, sums.yt, sums.tt
-    return Matched(pose, normal, sums.matched, sums.weights, sums.squares)
+    return Matched(pose, normal, sums.matched, sums.weights, sums.squares, converged)
 
 
 @kernel

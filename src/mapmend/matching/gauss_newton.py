@@ -31,7 +31,7 @@ class Match:
     """The result of a match: ``pose`` (3,), the share of the points that found a counterpart, and the normal matrix.
 
     ``normal_matrix`` (3, 3): of the squared distances along the surfaces' normals, in the axes of the grid.
-    ``residual_std_m``: of those distances.
+    ``residual_std_m``: of those distances. ``converged``: whether the last step was short enough to stop.
     """
 
     pose: Float
@@ -39,6 +39,7 @@ class Match:
     matched: int
     normal_matrix: Float
     residual_std_m: float
+    converged: bool = True
 
     def variance(self) -> float:
         """Of a point's distance to its surface, with what cells share: the normal matrix over it is information."""
@@ -72,6 +73,7 @@ class SurfaceMatcher:
             matched=found.matched,
             normal_matrix=found.normal_matrix,
             residual_std_m=math.sqrt(found.squares / max(found.weights, 1.0)),
+            converged=bool(found.converged),
         )
 
     def judge(self, grid: SurfaceGrid, points: Float, pose: Float) -> tuple[int, int, int]:
