@@ -32,6 +32,7 @@ NAMES = [
     "OptimizationResult",
     "OutputError",
     "PoseGraph",
+    "RebuildResult",
     "ScanLog",
     "ScanMatch",
     "Scans",
@@ -61,6 +62,7 @@ NAMES = [
     "read_log",
     "read_toml",
     "read_trajectory",
+    "rebuild",
     "relation_errors",
     "relative_errors",
     "simulate",
@@ -114,6 +116,7 @@ def test_what_is_no_config_is_refused_by_all_that_take_one(simulation, tmp_path)
     for call in (
         lambda wrong: mapmend.check(graph, wrong),
         lambda wrong: mapmend.tune(graph, wrong),
+        lambda wrong: mapmend.rebuild(graph, wrong),
         lambda wrong: mapmend.build_map(simulation.log, "igo", wrong),
     ):
         for wrong in (config.consistency, {"scan": {}}, None):

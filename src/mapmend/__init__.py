@@ -68,7 +68,9 @@ if TYPE_CHECKING:
     from mapmend.simulation import random_building as random_building
     from mapmend.simulation import simulate as simulate
     from mapmend.slam import MapResult as MapResult
+    from mapmend.slam import RebuildResult as RebuildResult
     from mapmend.slam import build_map as build_map
+    from mapmend.slam import rebuild as rebuild
     from mapmend.trajectory import Trajectory as Trajectory
     from mapmend.tuning.tune import TuneResult as TuneResult
     from mapmend.tuning.tune import tune as tune
@@ -99,6 +101,7 @@ _HOMES = {
     "PoseGraph": "mapmend.graph.pose_graph",
     "ScanLog": "mapmend.scan",
     "ScanMatch": "mapmend.scan_graph.match",
+    "RebuildResult": "mapmend.slam",
     "Scans": "mapmend.scan",
     "Simulation": "mapmend.simulation",
     "SlipEvent": "mapmend.simulation",
@@ -125,6 +128,7 @@ _HOMES = {
     "read_log": "mapmend.io.read_log",
     "read_toml": "mapmend.config",
     "read_trajectory": "mapmend.io.read_graph",
+    "rebuild": "mapmend.slam",
     "relation_errors": "mapmend.evaluation.relations",
     "relative_errors": "mapmend.evaluation.trajectory",
     "simulate": "mapmend.simulation",
@@ -156,6 +160,7 @@ __all__ = [
     "OptimizationResult",
     "OutputError",
     "PoseGraph",
+    "RebuildResult",
     "ScanLog",
     "ScanMatch",
     "Scans",
@@ -185,6 +190,7 @@ __all__ = [
     "read_log",
     "read_toml",
     "read_trajectory",
+    "rebuild",
     "relation_errors",
     "relative_errors",
     "simulate",

@@ -178,6 +178,7 @@ def rebuild(graph: PoseGraph, config: Config = DEFAULT_CONFIG, *, progress: Prog
     from mapmend.igo.iterate import iterate
     from mapmend.scan_graph.scan_graph import ScanGraph
 
+    require_config(config)
     check_numbers(graph)
     check_connections(graph)
     order = np.argsort(graph.ids, kind="stable")
