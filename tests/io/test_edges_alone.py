@@ -119,7 +119,7 @@ def test_each_part_begins_at_the_origin_with_its_fixed_node_or_its_first():
     assert graph.fixed == (0, 4)
     notes = describe_content(graph).notes
     assert any("laid along the edges" in note for note in notes)
-    assert any("falls into parts" in note for note in notes)
+    assert "the graph is not connected" in notes
 
 
 def test_scans_stay_with_their_nodes():
