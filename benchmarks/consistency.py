@@ -86,7 +86,7 @@ def speed(options: argparse.Namespace) -> None:
         whole = timed(partial(check, graph, threads=options.threads))
         overlaps = find_overlaps(views.boxes())
         direct, ours = direct_seconds(views, overlaps.listed(0, len(views)))
-        beams = len(views.scans.points) / len(views)
+        beams = len(views.scans.points.xy) / len(views)
         each = 2.0 * overlaps.total / len(views)
         cells = (f"{len(views)}", f"{each:.1f}", f"{beams:.0f}", f"{overlaps.total}")
         spent = (f"{statistics.median(seconds):.2f}", f"{whole:.2f}")
@@ -102,18 +102,18 @@ def direct_seconds(views: PlacedViews, pairs: NDArray[np.int64]) -> tuple[float,
 
     The pairs are runs of neighbouring rows of Psi, as it is worked through, spread over all of it.
     """
-    seen = views.scans
-    stored = np.diff(seen.corner_offsets)
-    counts = np.where(stored > 0, seen.beams.counts[seen.laser_of], 0)
-    own = np.arange(len(seen.corners[0])) - np.repeat(seen.corner_offsets[:-1], stored)
-    corners = seen.corners[:2, own < np.repeat(counts, stored)].T.copy()
+    seen, polygons = views.scans, views.scans.polygons
+    stored = np.diff(polygons.offsets)
+    counts = np.where(stored > 0, seen.beams.counts[seen.beams.laser_of], 0)
+    own = np.arange(len(polygons.corners[0])) - np.repeat(polygons.offsets[:-1], stored)
+    corners = polygons.corners[:2, own < np.repeat(counts, stored)].T.copy()
     offsets = np.concatenate(([0], np.cumsum(counts)))
     first = np.linspace(0, len(pairs) - DIRECT_PAIRS, DIRECT_RUNS).astype(np.int64)
     direct, ours = [], []
     for begin in first:
         run = pairs[begin : begin + DIRECT_PAIRS]
         out = np.zeros((len(run), 2))
-        arguments = (corners, offsets, seen.points, seen.point_offsets, views.lasers, out)
+        arguments = (corners, offsets, seen.points.xy, seen.points.offsets, views.lasers, out)
         measure_directly(run[:1], *arguments)
         direct.append(timed(partial(measure_directly, run, *arguments)))
         ours.append(statistics.median(timed(partial(measure, views, run)) for _ in range(3)))

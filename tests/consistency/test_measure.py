@@ -200,13 +200,14 @@ def test_marked_points_are_those_that_lie_so_deep():
     poses = graph.poses + np.arange(6)[:, None] * np.array([0.1, 0.0, 0.0])
     views = view_scans(graph.scans, CONFIG).placed(poses)
     pairs, least = np.array([(0, 5), (2, 3)]), np.array([0.05, 0.02])
-    marks = np.zeros(len(views.scans.points), np.int64)
-    _kernels.mark_points(pairs, least, *views.for_kernels(), marks)
-    expected = np.zeros(len(views.scans.points), np.int64)
+    seen = views.scans
+    marks = np.zeros(len(seen.points.xy), np.int64)
+    _kernels.mark_points(pairs, least, seen.polygons, seen.points, views.lasers, seen.beams, marks)
+    expected = np.zeros(len(seen.points.xy), np.int64)
     for (i, j), depth in zip(pairs.tolist(), least, strict=True):
         for a, b in ((i, j), (j, i)):
             polygon = plain.visibility_polygon(graph.scans.ranges_of(a), graph.scans.geometry_of(a), poses[a], CONFIG)
-            rows = range(views.scans.point_offsets[b], views.scans.point_offsets[b + 1])
+            rows = range(seen.points.offsets[b], seen.points.offsets[b + 1])
             for row, point in zip(rows, views.points_in_map()[rows.start : rows.stop], strict=True):
                 distances = plain.inconsistency_distances([point], polygon)
                 expected[row] += bool(distances) and distances[0] >= depth
@@ -220,8 +221,8 @@ def test_no_polygon_reaches_farther_in_a_sector_than_is_noted(geometry):
 
     rng = np.random.default_rng(5)
     views = view_scans(scans_of((geometry,), [random_readings(rng, geometry.beam_count)]), CONFIG)
-    polygon = views.corners[:2, : views.beams.counts[0]].T
-    limits, wide = views.limits.sectors[0], views.limits.wide_sectors[0]
+    polygon = views.polygons.corners[:2, : views.beams.counts[0]].T
+    limits, wide = views.polygons.limits[0], views.polygons.group_limits[0]
     for begin, end in plain.sides(polygon):
         for x, y in begin + np.linspace(0.0, 1.0, 50)[:, None] * (end - begin):
             assert x * x + y * y <= limits[_kernels.sector_of(x, y, _kernels.SECTORS)] * (1.0 + 1e-7)
@@ -257,9 +258,9 @@ def test_groups_hold_all_points_within_their_circles(seed):
     rng = np.random.default_rng(seed)
     scans = scans_of(LASERS, [random_readings(rng, g.beam_count) for g in LASERS])
     views = view_scans(scans, CONFIG)
-    limits = views.limits
-    np.testing.assert_array_equal(limits.group_rows[limits.group_offsets], views.point_offsets)
-    sizes = np.diff(limits.group_rows)
+    points = views.points
+    np.testing.assert_array_equal(points.group_rows[points.group_offsets], points.offsets)
+    sizes = np.diff(points.group_rows)
     assert np.all((sizes >= 1) & (sizes <= _kernels.GROUP))
-    away = views.points - np.repeat(limits.groups.T, sizes, axis=0)
+    away = points.xy - np.repeat(points.groups.T, sizes, axis=0)
     assert np.all(np.hypot(*away.T) <= _kernels.GROUP_RADIUS_M + 1e-5)

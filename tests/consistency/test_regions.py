@@ -23,7 +23,7 @@ def result():
 
 def test_a_lone_wrong_scan_contradicts_scans_that_have_not_failed(result):
     assert np.flatnonzero(result.scans.failed).tolist() == [40]
-    owner = np.repeat(np.arange(80), np.diff(result.views.scans.point_offsets))
+    owner = np.repeat(np.arange(80), np.diff(result.views.scans.points.offsets))
     assert (result.points & (owner == 40)).any()
     (region,) = result.regions
     assert region.failures > 10

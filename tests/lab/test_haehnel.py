@@ -19,9 +19,9 @@ def test_counts_are_those_of_the_plain_grid():
     seen = views.scans
     rays = seen.beams.rays[0, : seen.beams.counts[0]]
     for (i, j), got in zip(pairs, count_over_grids(views, pairs), strict=True):
-        begin = seen.corner_offsets[i]
-        reaches = np.hypot(*seen.corners[:2, begin : begin + len(rays)])
-        ends = [seen.points[seen.point_offsets[k] : seen.point_offsets[k + 1]] for k in (i, j)]
+        begin = seen.polygons.offsets[i]
+        reaches = np.hypot(*seen.polygons.corners[:2, begin : begin + len(rays)])
+        ends = [seen.points.xy[seen.points.offsets[k] : seen.points.offsets[k + 1]] for k in (i, j)]
         cells = plain.grid_of(reaches, rays, ends[0], CELL_M)
         placed = se2.transform_points(se2.between(graph.poses[i], graph.poses[j]), ends[1])
         assert got.tolist() == list(plain.counts_over(cells, placed, CELL_M))

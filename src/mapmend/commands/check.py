@@ -59,7 +59,7 @@ def run(args: Namespace) -> int:
 
 def report(graph: PoseGraph, result: CheckResult) -> dict[str, Any]:
     """The output of ``--json``; nodes by their ids."""
-    corners = result.views.scans.corner_offsets
+    corners = result.views.scans.polygons.offsets
     return {
         "consistent": result.consistent,
         "p_value": result.p_value,

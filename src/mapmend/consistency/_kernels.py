@@ -2,29 +2,17 @@
 
 Scans are stored one after the other. All arrays are in the laser's frame unless they say map.
 
-``polygons`` = (corners, offsets, limits, group_limits, near2). A scan's visibility polygon has one column for each
-vertex, by bearing: x, y, the side to the next vertex, and one over its squared length, (5, total); (0, 0) where it
-returns to the laser. After the last vertex the first WINDOW ones are repeated. ``offsets``: (n + 1,), where each scan
-begins. ``limits``: float32, (n, SECTORS), squared distances: in a sector of the pseudo-angle, no point farther out is
-in the polygon. ``group_limits``: float32, (n, WIDE_SECTORS): no group of points whose middle is farther out touches it.
-``near2``: a squared distance; for points nearer to the laser, float32 is too coarse to find the sector.
-
-``points`` = (xy, offsets, groups, group_rows, group_offsets, coarse): the end points, (returns, 2), and where each
-scan's begin; groups of neighbouring points: float32, their middles, (2, g), their first points, (g + 1,), and where
-each scan's begin; and the points again as float32, (2, returns). ``lasers``: (n, 4) x, y, cosine and sine of the
-heading in the map.
-
-``beams`` = (rays, wedges, most_passed, counts, laser): by laser the directions of its vertices as unit vectors,
-(lasers, most, 2), all around and less than half a turn apart; the wedges, from each vertex to the next, in which each
-sector begins and ends, (lasers, SECTORS, 2); the greatest number of rays in one sector; and the number of vertices;
-for each scan its laser.
+``polygons``, ``points`` and ``beams`` are the named tuples of views.py. ``lasers``: (n, 4), x, y, cosine and sine of
+the heading in the map.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmend.kernel_cache import kernel
 
@@ -46,6 +34,26 @@ BLOCK = 64
 """How many pairs are compared together."""
 
 ZERO, TWO, FOUR, TINY = np.float32(0.0), np.float32(2.0), np.float32(4.0), np.float32(1e-30)
+
+
+class Room(NamedTuple):
+    """The scratch memory for BLOCK pairs.
+
+    Views, two a pair: the scans that look and are looked at (2 BLOCK, 2), the poses of the latter in the frames of the
+    former (2 BLOCK, 4), and where the points of each begin (2 BLOCK + 1,). Points: their rows, sectors or wedges,
+    positions (2, most), and depths. Of one scan: sectors, squared distances, and flags.
+    """
+
+    scans: NDArray[np.int64]
+    frames: NDArray[np.float64]
+    begins: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    places: NDArray[np.int64]
+    xy: NDArray[np.float64]
+    depths: NDArray[np.float64]
+    sectors: NDArray[np.int32]
+    squares: NDArray[np.float32]
+    is_near: NDArray[np.bool_]
 
 
 @kernel
@@ -80,26 +88,30 @@ def sectors_of(frame, xy, begin, end, count, sectors, squares):
 
 @kernel
 def room_for(points):
-    """The scratch memory for BLOCK pairs, for the worst case.
-
-    Views: the scans (2 BLOCK, 2), their poses (2 BLOCK, 4), and where the points of each begin (2 BLOCK + 1,). Points:
-    their rows, sectors or wedges, positions (2, most), and depths. Of one scan: sectors, squares, flags.
-    """
-    end_starts, group_starts = points[1], points[4]
-    most = 0
-    for row in range(end_starts.shape[0] - 1):
-        most = max(most, end_starts[row + 1] - end_starts[row], group_starts[row + 1] - group_starts[row])
+    """The scratch memory for BLOCK pairs, enough for the worst case."""
+    of_points, of_groups, most = points.offsets, points.group_offsets, 0
+    for row in range(of_points.shape[0] - 1):
+        most = max(most, of_points[row + 1] - of_points[row], of_groups[row + 1] - of_groups[row])
     # Collecting without a branch writes one element beyond the last.
     of_all, of_one = 2 * BLOCK * most + 1, most + 1
-    views = np.empty((2 * BLOCK, 2), np.int64), np.empty((2 * BLOCK, 4)), np.zeros(2 * BLOCK + 1, np.int64)
-    found = np.empty(of_all, np.int64), np.empty(of_all, np.int64), np.empty((2, of_all)), np.empty(of_all)
-    return *views, *found, np.empty(of_one, np.int32), np.empty(of_one, np.float32), np.empty(of_one, np.bool_)
+    return Room(
+        np.empty((2 * BLOCK, 2), np.int64),
+        np.empty((2 * BLOCK, 4)),
+        np.zeros(2 * BLOCK + 1, np.int64),
+        np.empty(of_all, np.int64),
+        np.empty(of_all, np.int64),
+        np.empty((2, of_all)),
+        np.empty(of_all),
+        np.empty(of_one, np.int32),
+        np.empty(of_one, np.float32),
+        np.empty(of_one, np.bool_),
+    )
 
 
 @kernel
 def look(pairs, stands, lasers, block, room):
     """Prepares both views of each pair in ``block``, rows of ``pairs`` (k, 2); returns their number."""
-    who, frames = room[0], room[1]
+    scans, frames = room.scans, room.frames
     for n in range(block.shape[0]):
         row = block[n]
         for side in range(2):
@@ -107,7 +119,7 @@ def look(pairs, stands, lasers, block, room):
             dx, dy = lasers[there, 0] - lasers[here, 0], lasers[there, 1] - lasers[here, 1]
             ci, si, cj, sj = lasers[here, 2], lasers[here, 3], lasers[there, 2], lasers[there, 3]
             view = 2 * n + side
-            who[view, 0], who[view, 1] = pairs[row, side], pairs[row, 1 - side]
+            scans[view, 0], scans[view, 1] = pairs[row, side], pairs[row, 1 - side]
             # The second laser in the frame of the first.
             frames[view, 0], frames[view, 1] = ci * dx + si * dy, -si * dx + ci * dy
             frames[view, 2], frames[view, 3] = ci * cj + si * sj, ci * sj - si * cj
@@ -120,12 +132,13 @@ def find_near(views, polygons, points, room):
 
     The processor cannot predict which points these are, so they are collected without a branch.
     """
-    limits, group_limits = polygons[2], polygons[3]
-    _, _, groups, group_rows, group_offsets, coarse = points
-    who, frames, begins, rows, places, _, _, sectors, squares, is_near = room
+    limits, group_limits = polygons.limits, polygons.group_limits
+    groups, group_rows, group_offsets, coarse = points.groups, points.group_rows, points.group_offsets, points.coarse
+    frames, begins, rows, places = room.frames, room.begins, room.rows, room.places
+    sectors, squares, is_near = room.sectors, room.squares, room.is_near
     found = 0
     for view in range(views):
-        i, j = who[view]
+        i, j = room.scans[view]
         frame = (
             np.float32(frames[view, 0]),
             np.float32(frames[view, 1]),
@@ -156,21 +169,19 @@ def find_near(views, polygons, points, room):
 @kernel(error_model="numpy")
 def keep_inside(views, polygons, points, beams, room):
     """Of these, the points inside, with their positions in the frame of the view and their wedges."""
-    corners, starts, near2 = polygons[0], polygons[1], polygons[4]
-    ends = points[0]
-    rays, wedges, most_passed, counts, laser = beams
-    who, frames, begins, rows, places, xy, _, _, _, _ = room
+    corners, ends, rays, wedges = polygons.corners, points.xy, beams.rays, beams.wedges
+    begins, rows, places, xy = room.begins, room.rows, room.places, room.xy
     found, begin = 0, 0
     for view in range(views):
-        i, end = who[view, 0], begins[view + 1]
-        mine, first = laser[i], starts[i]
-        count, passes = counts[mine], most_passed[mine]
-        tx, ty, c, s = frames[view]
+        i, end = room.scans[view, 0], begins[view + 1]
+        mine, first = beams.laser_of[i], polygons.offsets[i]
+        count, passes = beams.counts[mine], beams.most_passed[mine]
+        tx, ty, c, s = room.frames[view]
         for n in range(begin, end):
             row = rows[n]
             x, y = tx + c * ends[row, 0] - s * ends[row, 1], ty + s * ends[row, 0] + c * ends[row, 1]
             sector = places[n]
-            if x * x + y * y < near2:
+            if x * x + y * y < polygons.near2:
                 sector = sector_of(x, y, SECTORS)
             k = int(wedges[mine, sector, 0])
             for _ in range(passes):
@@ -213,14 +224,13 @@ def find_depths(views, polygons, beams, room):
     The search begins with the wedge of the point and its two neighbours, which is mostly enough, and goes on to both
     sides.
     """
-    corners, starts = polygons[0], polygons[1]
-    rays, _, _, counts, laser = beams
-    who, _, begins, rows, places, xy, depths, _, _, _ = room
+    corners, rays = polygons.corners, beams.rays
+    begins, rows, places, xy, depths = room.begins, room.rows, room.places, room.xy, room.depths
     deep, begin = 0, 0
     for view in range(views):
-        i, end = who[view, 0], begins[view + 1]
-        mine, first = laser[i], starts[i]
-        count = counts[mine]
+        i, end = room.scans[view, 0], begins[view + 1]
+        mine, first = beams.laser_of[i], polygons.offsets[i]
+        count = beams.counts[mine]
         for n in range(begin, end):
             x, y, k = xy[0, n], xy[1, n], places[n]
             left = k - 1 if k > 0 else count - 1
@@ -312,9 +322,9 @@ def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured
     pair's largest depths that are left out, the least share of them).
     """
     room = room_for(points)
-    begins, depths = room[2], room[6]
+    begins, depths = room.begins, room.depths
     # Sorted by the second scan, so that it and the few first scans of these pairs stay in the cache.
-    order = by_second(pairs, points[1].shape[0] - 1)
+    order = by_second(pairs, points.offsets.shape[0] - 1)
     for start in range(0, order.shape[0], BLOCK):
         block = order[start : start + BLOCK]
         compare(pairs, stands, polygons, points, lasers, beams, block, room)
@@ -336,7 +346,7 @@ def mark_points(pairs, least_depths, polygons, points, lasers, beams, marks):
     """Counts in ``marks``, (returns,), for each end point the pairs in which its depth is at least this, (k,),
     metres."""
     room = room_for(points)
-    begins, rows, depths = room[2], room[3], room[6]
+    begins, rows, depths = room.begins, room.rows, room.depths
     for start in range(0, pairs.shape[0], BLOCK):
         block = np.arange(start, min(start + BLOCK, pairs.shape[0]))
         compare(pairs, pairs, polygons, points, lasers, beams, block, room)

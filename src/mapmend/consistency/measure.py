@@ -69,6 +69,7 @@ def measure(views: PlacedViews, pairs: Int, drop: tuple[int, float] = (0, 0.0)) 
 def measure_at(views: ScanViews, pairs: Int, stands: Int, lasers: Float, drop: tuple[int, float]) -> Float:
     """The same for scans whose laser poses are the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
     measured = np.zeros((len(pairs), 4))
-    polygons, points, beams = views.for_kernels()
-    _kernels.measure_pairs(pairs, stands, polygons, points, lasers, beams, np.array(drop, dtype=np.float64), measured)
+    _kernels.measure_pairs(
+        pairs, stands, views.polygons, views.points, lasers, views.beams, np.array(drop, dtype=np.float64), measured
+    )
     return measured

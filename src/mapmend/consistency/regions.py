@@ -40,10 +40,10 @@ def contradicting_points(views: PlacedViews, tests: PairTests, scans: ScanTests,
     Only pairs with a failed scan count; the other scan need not have failed, because a scan may fail by contradicting
     many good ones. ``scales``: (k,), metres, those of the tested pairs.
     """
-    chosen = tests.failed & scans.failed[tests.pairs].any(axis=1)
-    marks = np.zeros(len(views.scans.points), np.int64)
+    seen, chosen = views.scans, tests.failed & scans.failed[tests.pairs].any(axis=1)
+    marks = np.zeros(len(seen.points.xy), np.int64)
     least = DEEP * scales[chosen]
-    _kernels.mark_points(tests.pairs[chosen], least, *views.for_kernels(), marks)
+    _kernels.mark_points(tests.pairs[chosen], least, seen.polygons, seen.points, views.lasers, seen.beams, marks)
     return np.asarray(marks > 0)
 
 
@@ -62,7 +62,7 @@ def find_regions(
     n = len(graph)
     _, label = connected_components(coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
     in_map = views.points_in_map()
-    owner = np.repeat(np.arange(n), np.diff(views.scans.point_offsets))
+    owner = np.repeat(np.arange(n), np.diff(views.scans.points.offsets))
     found = []
     for number in np.unique(label[scans.failed]):
         rows = np.flatnonzero((label == number) & scans.failed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,66 +16,82 @@ Single = NDArray[np.float32]
 Int = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Beams:
-    """What all polygons of one laser have in common, by laser: see ``_kernels``. Beams are counted from right to left.
+class Polygons(NamedTuple):
+    """The visibility polygons of n scans, one after the other, each in the frame of its laser.
 
-    ``rays``: (lasers, most, 2): the directions of the vertices, and after them one into the middle of the blind side,
-    if there is one; there the polygon returns to the laser. ``wedges``: int32, (lasers, SECTORS, 2), those of the two
-    edges of a sector. ``most_passed``: (lasers,), the greatest number of rays in one sector.
-    ``counts``: (lasers,), how many directions.
+    ``corners``: (5, total), a column for each vertex, by bearing: x, y, the side to the next vertex, and one over its
+    squared length; (0, 0) where the polygon returns to the laser. After a scan's last vertex its first ones are
+    repeated. ``offsets``: (n + 1,), where each scan begins. ``limits``: (n, SECTORS), squared distances: in a sector of
+    the pseudo-angle, no point farther out is in the polygon. ``group_limits``: (n, WIDE_SECTORS): no group of points
+    whose middle is farther out touches it. ``near2``: a squared distance; for points nearer to the laser, float32 is
+    too coarse to find the sector.
+    """
+
+    corners: Float
+    offsets: Int
+    limits: Single
+    group_limits: Single
+    near2: float
+
+
+class EndPoints(NamedTuple):
+    """The end points of n scans, one scan after the other, each in the frame of its laser.
+
+    ``xy``: (returns, 2); ``offsets``: (n + 1,), where each scan begins. Neighbouring points are in groups: ``groups``:
+    (2, g), their middles; ``group_rows``: (g + 1,), their first points; ``group_offsets``: (n + 1,), where each scan's
+    groups begin. ``coarse``: (2, returns), the points as float32.
+    """
+
+    xy: Float
+    offsets: Int
+    groups: Single
+    group_rows: Int
+    group_offsets: Int
+    coarse: Single
+
+
+class Beams(NamedTuple):
+    """What all polygons of one laser have in common, by laser. Beams are counted from right to left.
+
+    ``rays``: (lasers, most, 2), the directions of the vertices as unit vectors, less than half a turn apart; the last
+    one points into the middle of the blind side, if there is one: there the polygon returns to the laser. ``wedges``:
+    (lasers, SECTORS, 2), the wedges, from each vertex to the next, in which each sector begins and ends.
+    ``most_passed``: (lasers,), the greatest number of rays in one sector. ``counts``: (lasers,), of vertices.
+    ``laser_of``: (n,), the laser of each scan.
     """
 
     rays: Float
     wedges: NDArray[np.int32]
     most_passed: Int
     counts: Int
-
-
-@dataclass(frozen=True)
-class Limits:
-    """The squared reach of polygons by sector, and end points in groups: see ``_kernels``."""
-
-    sectors: Single
-    wide_sectors: Single
-    near2: float
-    groups: Single
-    group_rows: Int
-    group_offsets: Int
-    points: Single
+    laser_of: Int
 
 
 @dataclass(frozen=True)
 class ScanViews:
     """The visibility polygons and end points of n scans, each in the frame of its laser: they do not depend on poses.
 
-    ``corners``: (5, total): x and y of the polygons' vertices, by bearing, the side to the next, and one over its
-    squared length; after a scan's last one its first ones are repeated. ``corner_offsets``: (n + 1,). ``points``:
-    (returns, 2), end points; ``point_offsets``: (n + 1,). ``ends``: (readings, 2), the ends of the free parts of all
-    beams, also of those without return; ``end_offsets``: (n + 1,). ``limits``: with these the kernels exclude points
-    outside quickly. ``laser_of``: int64, (n,), into ``beams`` and ``mountings``, (lasers, 3), ``T_robot_laser``.
+    ``ends``: (readings, 2), the ends of the free parts of all beams, also of those without return; ``end_offsets``:
+    (n + 1,). ``mountings``: (lasers, 3), ``T_robot_laser``.
     """
 
-    corners: Float
-    corner_offsets: Int
-    points: Float
-    point_offsets: Int
+    polygons: Polygons
+    points: EndPoints
+    beams: Beams
     ends: Float
     end_offsets: Int
-    limits: Limits
-    laser_of: Int
-    beams: Beams
     mountings: Float
 
     def __len__(self) -> int:
-        return len(self.laser_of)
+        return len(self.beams.laser_of)
 
     def lasers_at(self, poses: Float, rows: Int | None = None) -> Float:
         """The lasers of all scans, or of the given ``rows``, where the robot is at ``poses``, (k, 3), ``T_map_robot``.
 
         x, y, cosine and sine of the heading: (k, 4).
         """
-        laser = compose(poses, self.mountings[self.laser_of if rows is None else self.laser_of[rows]])
+        laser_of = self.beams.laser_of
+        laser = compose(poses, self.mountings[laser_of if rows is None else laser_of[rows]])
         return np.column_stack((laser[:, :2], np.cos(laser[:, 2]), np.sin(laser[:, 2])))
 
     def placed(self, poses: Float) -> PlacedViews:
@@ -90,15 +106,6 @@ class ScanViews:
             raise MapmendError("the poses must be finite")
         return PlacedViews(self, self.lasers_at(poses))
 
-    def for_kernels(self) -> tuple[Any, Any, Any]:
-        """Polygons, points and beams as the kernels take them."""
-        beams, limits = self.beams, self.limits
-        return (
-            (self.corners, self.corner_offsets, limits.sectors, limits.wide_sectors, limits.near2),
-            (self.points, self.point_offsets, limits.groups, limits.group_rows, limits.group_offsets, limits.points),
-            (beams.rays, beams.wedges, beams.most_passed, beams.counts, self.laser_of),
-        )
-
 
 @dataclass(frozen=True)
 class PlacedViews:
@@ -112,7 +119,7 @@ class PlacedViews:
 
     def points_in_map(self) -> Float:
         """All end points in the map's frame, (returns, 2)."""
-        return _placed(self.lasers, self.scans.points, np.diff(self.scans.point_offsets))
+        return _placed(self.lasers, self.scans.points.xy, np.diff(self.scans.points.offsets))
 
     def boxes(self) -> Float:
         """Low x, low y, high x, high y of all that each scan covers in the map, (n, 4).
@@ -129,11 +136,6 @@ class PlacedViews:
             boxes[filled, :2] = np.minimum(boxes[filled, :2], np.minimum.reduceat(ends, offsets[filled]))
             boxes[filled, 2:] = np.maximum(boxes[filled, 2:], np.maximum.reduceat(ends, offsets[filled]))
         return boxes
-
-    def for_kernels(self) -> tuple[Any, Any, Float, Any]:
-        """Polygons, points, lasers and beams as the kernels take them."""
-        polygons, points, beams = self.scans.for_kernels()
-        return polygons, points, self.lasers, beams
 
 
 def _placed(lasers: Float, points: Float, counts: Int) -> Float:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from mapmend.config import ConsistencyConfig
 from mapmend.consistency import _kernels, _view_kernels
-from mapmend.consistency.views import Beams, Limits, ScanViews
+from mapmend.consistency.views import Beams, EndPoints, Polygons, ScanViews
 from mapmend.errors import MapmendError
 from mapmend.scan import LaserGeometry, Scans
 
 Float = NDArray[np.float64]
+Single = NDArray[np.float32]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
@@ -37,12 +38,12 @@ def view_scans(scans: Scans, config: ConsistencyConfig) -> ScanViews:
     return, or with a reading that is too short, is ignored: there the polygon returns to the laser. Raises MapmendError
     for lasers whose beams are half a turn apart.
     """
-    beams = _beams([_directions(geometry) for geometry in scans.geometries])
     laser_of = scans.geometry_index.astype(np.int64)
+    beams = _beams([_directions(geometry) for geometry in scans.geometries], laser_of)
     is_empty = np.diff(scans.offsets) == 0
     # After a scan's last vertex the first ones are repeated, so that each window of sides is contiguous.
-    corner_offsets = _offsets(np.where(is_empty, 0, beams.counts[laser_of] + _kernels.WINDOW))
-    corners = np.zeros((5, int(corner_offsets[-1])))
+    offsets = _offsets(np.where(is_empty, 0, beams.counts[laser_of] + _kernels.WINDOW))
+    corners = np.zeros((5, int(offsets[-1])))
     ends, is_point = np.zeros((len(scans.ranges_m), 2)), np.zeros(len(scans.ranges_m), np.bool_)
     for k, geometry in enumerate(scans.geometries):
         rows = np.flatnonzero((laser_of == k) & ~is_empty)
@@ -55,21 +56,16 @@ def view_scans(scans: Scans, config: ConsistencyConfig) -> ScanViews:
             vertices = np.zeros((len(part), count, 2))
             seen = min(count, geometry.beam_count)
             vertices[:, :seen] = ends[readings[:, :seen]]
-            columns = corner_offsets[part, None] + around
+            columns = offsets[part, None] + around
             for axis, values in enumerate(_sides(vertices)):
                 corners[axis, columns] = values[:, around % max(count, 1)]
-    points = ends[is_point]
     point_offsets = np.concatenate(([0], np.cumsum(is_point)))[scans.offsets].astype(np.int64)
     return ScanViews(
-        corners=corners,
-        corner_offsets=corner_offsets,
-        points=points,
-        point_offsets=point_offsets,
-        limits=_limits((corners, corner_offsets), points, point_offsets, beams, laser_of),
+        polygons=_polygons(corners, offsets, beams),
+        points=_end_points(ends[is_point], point_offsets),
+        beams=beams,
         ends=ends,
         end_offsets=scans.offsets,
-        laser_of=laser_of,
-        beams=beams,
         mountings=np.array([g.T_robot_laser for g in scans.geometries] or [(0.0, 0.0, 0.0)], dtype=np.float64),
     )
 
@@ -104,7 +100,7 @@ def _rays(geometry: LaserGeometry) -> Float:
     return np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
 
 
-def _beams(directions: list[Float]) -> Beams:
+def _beams(directions: list[Float], laser_of: Int) -> Beams:
     """``directions``: the bearings of each laser's vertices."""
     directions = directions or [np.zeros(0)]
     most = max(len(bearings) for bearings in directions)
@@ -116,7 +112,7 @@ def _beams(directions: list[Float]) -> Beams:
             wedges[k] = _wedges(bearings, _sector_edges())
     counts = np.array([len(bearings) for bearings in directions], dtype=np.int64)
     passed = (wedges[:, :, 1] - wedges[:, :, 0]) % np.maximum(counts, 1)[:, None]
-    return Beams(rays, wedges, passed.max(axis=1).astype(np.int64), counts)
+    return Beams(rays, wedges, passed.max(axis=1).astype(np.int64), counts, laser_of)
 
 
 def _directions(geometry: LaserGeometry) -> Float:
@@ -159,34 +155,41 @@ def _offsets(counts: Int) -> Int:
     return np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
 
 
-def _limits(polygons: tuple[Float, Int], points: Float, point_offsets: Int, beams: Beams, laser_of: Int) -> Limits:
-    """``polygons``: corners and where each scan's begin."""
-    n = len(laser_of)
+def _polygons(corners: Float, offsets: Int, beams: Beams) -> Polygons:
+    """The polygons with these corners and offsets, and their limits."""
+    n = len(beams.laser_of)
     edges = _sector_edges()
     rays = np.stack((np.cos(edges), np.sin(edges)), axis=2).reshape(-1, 4)
     reach2 = np.zeros((n, _kernels.SECTORS), np.float32)
-    _view_kernels.sector_reach(*polygons, beams.counts, laser_of, rays, beams.wedges, reach2)
+    _view_kernels.sector_reach(corners, offsets, beams.counts, beams.laser_of, rays, beams.wedges, reach2)
     longest = float(np.sqrt(reach2.max(initial=0.0)))
     group_reach2 = np.zeros((n, _kernels.WIDE_SECTORS), np.float32)
     radius = _kernels.GROUP_RADIUS_M + ROUNDING * longest
     _view_kernels.group_reach(reach2, _gap_sines(_kernels.WIDE_SECTORS), radius, group_reach2)
-    middles, first_rows = np.empty((2, len(points))), np.empty(len(points) + 1, np.int64)
-    size = (_kernels.GROUP, _kernels.GROUP_RADIUS_M)
-    counts = _view_kernels.group_points(points, point_offsets, *size, middles, first_rows)
-    total = int(counts.sum())
-    first_rows[total] = len(points)
     near2 = (NEAR * longest) ** 2
-    sees = np.diff(polygons[1])[:, None] > 0
-    return Limits(
-        sectors=np.where(sees, np.maximum(reach2 * np.float32(1.0 + ROUNDING), np.float32(near2)), np.float32(0.0)),
-        wide_sectors=np.where(
-            sees, np.maximum(group_reach2 * np.float32(1.0 + ROUNDING), np.float32(near2)), np.float32(0.0)
-        ),
-        near2=near2,
+    sees = np.diff(offsets)[:, None] > 0
+
+    def limits(squares: Single) -> Single:
+        """The squared distances with room for rounding; 0 for scans without beams."""
+        wider = np.maximum(squares * np.float32(1.0 + ROUNDING), np.float32(near2))
+        return np.where(sees, wider, np.float32(0.0))
+
+    return Polygons(corners, offsets, limits(reach2), limits(group_reach2), near2)
+
+
+def _end_points(xy: Float, offsets: Int) -> EndPoints:
+    """The end points (returns, 2) in groups."""
+    middles, first_rows = np.empty((2, len(xy))), np.empty(len(xy) + 1, np.int64)
+    counts = _view_kernels.group_points(xy, offsets, _kernels.GROUP, _kernels.GROUP_RADIUS_M, middles, first_rows)
+    total = int(counts.sum())
+    first_rows[total] = len(xy)
+    return EndPoints(
+        xy=xy,
+        offsets=offsets,
         groups=middles[:, :total].astype(np.float32),
         group_rows=first_rows[: total + 1].copy(),
         group_offsets=_offsets(counts),
-        points=np.ascontiguousarray(points.T, dtype=np.float32),
+        coarse=np.ascontiguousarray(xy.T, dtype=np.float32),
     )
 
 

@@ -37,18 +37,17 @@ def count_over_grids(pairs, polygons, points, lasers, beams, grid_size, counts):
     """For pairs (k, 2), sorted by the first scan: how many end points of the second lie on cells that the first one's
     grid calls free, and how many on cells it calls occupied: ``counts`` (k, 2). ``grid_size`` = (cell m, half width).
     """
-    corners, starts = polygons[:2]
-    ends, end_starts, _, _, _, _ = points
-    rays, _, _, vertex_counts, laser = beams
+    corners, starts, ends, end_starts = polygons.corners, polygons.offsets, points.xy, points.offsets
     cell_m, half = grid_size[0], int(grid_size[1])
     grid = np.zeros((2 * half, 2 * half), np.uint8)
     drawn = -1
     for p in range(pairs.shape[0]):
         i, j = pairs[p, 0], pairs[p, 1]
         if i != drawn:
-            mine = corners[:2, starts[i] : starts[i] + vertex_counts[laser[i]]]
+            laser = beams.laser_of[i]
+            mine = corners[:2, starts[i] : starts[i] + beams.counts[laser]]
             reaches = np.hypot(mine[0], mine[1])
-            draw_grid(reaches, rays[laser[i]], ends[end_starts[i] : end_starts[i + 1]], cell_m, half, grid)
+            draw_grid(reaches, beams.rays[laser], ends[end_starts[i] : end_starts[i + 1]], cell_m, half, grid)
             drawn = i
         dx, dy = lasers[j, 0] - lasers[i, 0], lasers[j, 1] - lasers[i, 1]
         ci, si, cj, sj = lasers[i, 2], lasers[i, 3], lasers[j, 2], lasers[j, 3]

@@ -60,8 +60,9 @@ def log_likelihoods(views: PlacedViews, threads: int = 1, progress: Progress = n
 
 def count_over_grids(views: PlacedViews, pairs: Int) -> Int:
     """End points of each pair's second scan on free and on occupied cells of its first, (k, 2); sorted by the first."""
-    reach = float(np.hypot(*views.scans.corners[:2]).max(initial=0.0))
+    seen = views.scans
+    reach = float(np.hypot(*seen.polygons.corners[:2]).max(initial=0.0))
     size = np.array([CELL_M, np.ceil(reach / CELL_M) + 1.0])
     counts = np.zeros((len(pairs), 2), np.int64)
-    _haehnel_kernels.count_over_grids(pairs, *views.for_kernels(), size, counts)
+    _haehnel_kernels.count_over_grids(pairs, seen.polygons, seen.points, views.lasers, seen.beams, size, counts)
     return counts

@@ -48,11 +48,10 @@ class PairSample:
         self.views = views
         self.stride = stride
         self.circles = view_circles(views)
-        counts = np.diff(views.point_offsets)
-        far = np.concatenate(([0.0], np.cumsum(np.hypot(*views.points.T))))
-        self.sums = np.stack(
-            (counts.astype(np.float64), far[views.point_offsets[1:]] - far[views.point_offsets[:-1]]), axis=1
-        )
+        offsets = views.points.offsets
+        counts = np.diff(offsets)
+        far = np.concatenate(([0.0], np.cumsum(np.hypot(*views.points.xy.T))))
+        self.sums = np.stack((counts.astype(np.float64), far[offsets[1:]] - far[offsets[:-1]]), axis=1)
         self.pairs = np.zeros((0, 2), np.int64)
         self.kept = np.zeros((0, 4))
         self.values = np.zeros(0)
@@ -143,10 +142,10 @@ def _worth_measuring(bounds: Float, tolerance_m: float) -> Int:
 def view_circles(views: ScanViews) -> Float:
     """A circle around all that each scan sees, in the laser's frame: x, y, radius, (n, 3); without a scan, radius
     -1."""
-    n = len(views)
+    n, corners, offsets = len(views), views.polygons.corners, views.polygons.offsets
     circles = np.tile((0.0, 0.0, -1.0), (n, 1))
-    for i in np.flatnonzero(np.diff(views.corner_offsets) > 0):
-        ends = views.corners[:2, views.corner_offsets[i] : views.corner_offsets[i + 1]].T
+    for i in np.flatnonzero(np.diff(offsets) > 0):
+        ends = corners[:2, offsets[i] : offsets[i + 1]].T
         low, high = np.minimum(ends.min(axis=0), 0.0), np.maximum(ends.max(axis=0), 0.0)
         middle = (low + high) / 2.0
         far = np.hypot(*(ends - middle).T).max()

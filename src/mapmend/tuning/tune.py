@@ -167,7 +167,7 @@ def average_measure(views: PlacedViews, threads: int = 1, progress: Progress = n
 def sample_of(views: PlacedViews) -> PairSample:
     """Every n-th pair of scans, n such that those which overlap in this map have at most SAMPLED_POINTS end points."""
     here = find_overlaps(views.boxes()).total
-    points = here * 2.0 * len(views.scans.points) / max(len(views), 1)
+    points = here * 2.0 * len(views.scans.points.xy) / max(len(views), 1)
     stride = 1
     while points > stride * SAMPLED_POINTS:
         stride *= 2
