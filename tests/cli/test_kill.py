@@ -1,7 +1,9 @@
 """A command that is killed at any write or rename leaves its older output or the new one, whole, and all else."""
 
+import io
 import json
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from mapmend.simulation import first_scans
 from mapmend.slam import MapResult
 from mapmend.trajectory import Trajectory
 from mapmend.tuning import tune as tuning
+from mapmend.view.figures import new_figure, save_figure
 from tests.consistency.scenes import room_graph
 from tests.io.kills import kill_everywhere, seen
 from tests.tuning.graphs import doubtful_room
@@ -89,7 +92,23 @@ def inputs(tmp_path, simulation, monkeypatch):
     monkeypatch.setattr("mapmend.simulation.simulate", lambda *_, **__: simulation)
     monkeypatch.setattr("mapmend.slam.build_map", lambda *_, **__: result)
     monkeypatch.setattr(compare, "_run_child", compared)
+    for name in ("figures.draw_world", "compare_picture.draw_compared_maps"):
+        monkeypatch.setattr(f"mapmend.view.{name}", drawn)
+    for name in ("check_picture.check_png", "tune_picture.tune_png"):
+        monkeypatch.setattr(f"mapmend.view.{name}", lambda *_: picture())
     return folder
+
+
+@cache
+def picture():
+    """A picture as mapmend's are, drawn once: drawing takes longer than everything else."""
+    stream = io.BytesIO()
+    save_figure(new_figure(1, 1.0, 1.0), stream)
+    return stream.getvalue()
+
+
+def drawn(*arguments):
+    next(path for path in arguments if isinstance(path, Path)).write_bytes(picture())
 
 
 def compared(request, _progress):

@@ -25,7 +25,7 @@ from mapmend.io import staging as hidden
 from mapmend.io import swap
 from mapmend.io.formats import BAG_DATABASE, BAG_FILE
 from mapmend.io.own_files import RUN_FILE, RUN_FILES, is_own_content, older_files, own_files
-from mapmend.io.staging import Staging
+from mapmend.io.staging import HIDDEN, Staging
 
 READ_IN_FOLDERS = (*RUN_FILES, "tune.json", "metadata.yaml")
 READ_SUFFIXES = (BAG_FILE, BAG_DATABASE)
@@ -153,7 +153,7 @@ def whole_or_nothing(directory: str | Path, names: Iterable[str] = ()) -> Iterat
     check_writable(directory, names)
     place = Path(directory).resolve()
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
+        _make_folder(place.parent)
         staging = Staging(_parent_of_staging(place), place.name)
     except OSError as error:
         raise not_written(Path(directory), error) from None
@@ -318,6 +318,13 @@ def _parent_of_staging(place: Path) -> Path:
     if place.is_dir() and (place.is_mount() or not os.access(place.parent, os.W_OK | os.X_OK)):
         return place
     return place.parent
+
+
+def _make_folder(folder: Path) -> None:
+    """Make a folder with those above it, but never a hidden one: one that is gone was swept, its process is dead."""
+    if any(HIDDEN.fullmatch(part) for part in folder.parts) and not folder.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder))
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _sweep_about(place: Path) -> None:

@@ -134,7 +134,7 @@ def _listed(run_json: dict[str, Any]) -> frozenset[str] | None:
 
 def _files_of_old_tuning(folder: Path) -> frozenset[str]:
     """Version 0.1.0 wrote no run.json beside a tuned graph and its picture; the two together tell them."""
-    pair = ("graph.g2o", "tune.png")
+    pair = ("tune.png", "graph.g2o")
     return frozenset(pair) if all(is_own_content(folder / name) for name in pair) else frozenset()
 
 
