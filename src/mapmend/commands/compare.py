@@ -7,17 +7,18 @@ import os
 import subprocess
 import sys
 from argparse import ArgumentParser, Namespace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from mapmend.commands.common.console import ProgressBar, print_json, say, say_older, table
 from mapmend.commands.common.options import (
-    BAG_ARGUMENTS,
     METHODS,
     add_bag,
     add_lenient,
     add_settings,
     add_threads,
+    bag_options,
     map_config,
     thread_count,
 )
@@ -104,7 +105,7 @@ def _request(args: Namespace) -> dict[str, Any]:
         "log": str(log),
         "name": args.log,
         "lenient": args.lenient,
-        "bag": {name: getattr(args, name) for name in BAG_ARGUMENTS},
+        "bag": asdict(bag_options(args)),
         "config": to_dict(config),
         "threads": thread_count(args.threads),
         "relations": str(relations) if relations else None,

@@ -10,13 +10,12 @@ import json
 import resource
 import sys
 import time
-from argparse import Namespace
 from typing import Any
 
-from mapmend.commands.common.options import bag_options
 from mapmend.compiling import watch_compiling
 from mapmend.config import from_dict
 from mapmend.errors import MapmendError
+from mapmend.io.bags.options import BagOptions
 from mapmend.io.read_log import read_log
 from mapmend.run_folder import write_run
 from mapmend.slam import MapResult, build_map
@@ -44,7 +43,7 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
     """The results of one method: errors, seconds without compiling, peak memory up to the written RUN, verdict."""
     config, progress = from_dict(request["config"]), _Progress()
     began, began_cpu = time.perf_counter(), time.process_time()
-    log = read_log(request["log"], request["lenient"], bag_options(Namespace(**request["bag"])))
+    log = read_log(request["log"], request["lenient"], BagOptions(**request["bag"]))
     with watch_compiling(lambda: None) as compiling:
         result = build_map(log, request["method"], config, threads=request["threads"], progress=progress)
         run_json = write_run(result, request["run"], source=request["name"])

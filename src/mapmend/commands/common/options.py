@@ -15,8 +15,6 @@ METHODS = ("igo", "go", "scanmatch", "odometry", "gmapping")
 KERNELS = ("huber", "cauchy", "geman-mcclure", "dcs", "switchable", "max-mixture", "gnc")
 STARTS = ("given", "odometry", "tree", "chordal")
 
-BAG_ARGUMENTS = ("scan_topic", "odom_topic", "base_frame", "deskew")
-
 
 def whole_number(text: str) -> int:
     """An argument's whole number from 0 on."""
@@ -70,7 +68,7 @@ def bag_options(args: Namespace) -> BagOptions:
     """What the command line says about a ROS bag."""
     from mapmend.io.bags.options import BagOptions
 
-    return BagOptions(**{name: getattr(args, name) for name in BAG_ARGUMENTS})
+    return BagOptions(args.scan_topic, args.odom_topic, args.base_frame, args.deskew)
 
 
 def add_config(parser: ArgumentParser, what: str = "settings in TOML; settings not in it keep their defaults") -> None:
