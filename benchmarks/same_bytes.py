@@ -29,7 +29,19 @@ POSE_GRAPHS = ("M3500.g2o.gz", "M3500a.g2o.gz", "intel.g2o.gz", "ringCity.g2o.gz
 STARTS_AND_KERNELS = (("given", "none"), ("chordal", "none"), ("odometry", "dcs"), ("odometry", "gnc"))
 KINDS = ("map", "check", "tune", "optimize")
 # Parts of a JSON output that say when, where and by what it was made, and not what came of it.
-NOT_RESULTS = {"seconds", "version", "config", "settings", "source", "log", "files", "output", "run", "graph"}
+NOT_RESULTS = {
+    "seconds",
+    "version",
+    "config",
+    "settings",
+    "source",
+    "log",
+    "files",
+    "output",
+    "picture",
+    "run",
+    "graph",
+}
 
 Sums = dict[str, str]
 
