@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mapmend.geometry import se2
 from mapmend.grid.likelihood import likelihood_field
 from mapmend.grid.surface import SurfaceGrid
-from mapmend.matching.correlative import MOST_POINTS, Region, search
+from mapmend.matching.correlative import MOST_POINTS, Region, _blocks, search
 from tests.matching.scenes import errors, scene
 from tests.reference.matching import all_scores
 
@@ -142,3 +142,41 @@ def test_nothing_is_found_without_points_or_far_from_the_grid():
     far = s.here + np.array([300.0, -300.0, 0.0])
     assert search(field, s.scan_at(s.here, 4), disc(far, 1.0, 0.1, 0.0), 0.0) is None
     assert search(likelihood_field(SurfaceGrid(0.05), 0.1), s.scan_at(s.here, 4), region, 0.0) is None
+
+
+coordinates = st.one_of(st.floats(-60.0, 60.0), st.integers(-60, 60).map(float), st.just(7.9))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.tuples(coordinates, coordinates), min_size=1, max_size=6),
+    st.one_of(st.floats(0.0, 40.0), st.integers(0, 40).map(float)),
+    st.sampled_from([1, 8, 32]),
+)
+@example([(7.9, 7.9)], 24.0, 8)
+def test_every_offset_of_every_disc_lies_in_a_block(guesses, radius, width):
+    guesses = np.array(guesses)
+    blocks = _blocks(guesses, radius, width)
+    assert len(np.unique(blocks, axis=0)) == len(blocks)
+    assert (blocks % width == 0).all()
+    known = {tuple(block) for block in blocks.tolist()}
+    wanted = set()
+    for guess in guesses:
+        low, high = np.ceil(guess - radius).astype(int), np.floor(guess + radius).astype(int)
+        cells = np.stack(np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)), axis=-1)
+        cells = cells.reshape(-1, 2)
+        inside = cells[((cells - guess) ** 2).sum(axis=1) <= radius**2]
+        inside = np.concatenate((inside, np.rint(guess).astype(int)[None]))
+        wanted |= {tuple(block) for block in (inside // width * width).tolist()}
+    assert wanted <= known
+    # And few beyond: only such as a disc touches between its offsets.
+    for block in known - wanted:
+        away = np.maximum(np.maximum(block - guesses, guesses - (np.array(block) + width - 1)), 0.0)
+        assert (np.hypot(*away.T) <= max(radius, np.sqrt(0.5)) + 1e-9).any()
+
+
+def test_blocks_of_many_guesses_far_apart_are_found_once():
+    way = np.linspace(0.0, 900.0, 400)[:, None] * np.array([[1.0, 0.4]])
+    blocks = _blocks(way, 24.0, 8)
+    assert len(np.unique(blocks, axis=0)) == len(blocks)
+    assert len(blocks) < 1.3 * (2 * 24 + 16) * np.hypot(900.0, 360.0) / 64

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from mapmend.grid.likelihood import LikelihoodField
 from mapmend.matching import _kernels
@@ -18,6 +17,7 @@ Float = NDArray[np.float64]
 NEAR_LEVEL = 3
 WIDE_CELLS = 200
 MOST_POINTS = 120
+CELL_DIAGONAL = math.sqrt(2.0)
 # The step of the angle is for points up to this range; the refinement aligns the points beyond it.
 ANGLE_RANGE_M = 10.0
 
@@ -75,14 +75,23 @@ def search(field: LikelihoodField, points: Float, region: Region, score_to_beat:
 
 
 def _blocks(guesses: Float, radius: float, width: int) -> NDArray[np.int64]:
-    """The blocks of ``width`` x ``width`` offsets that any disc touches, shape (m, 2), in cells."""
-    blocks = np.floor(guesses / width).astype(np.int64)
-    low = blocks.min(axis=0)
-    reach = math.ceil(radius / width)
-    seeds = np.zeros(tuple(blocks.max(axis=0) - low + 1 + 2 * reach), dtype=np.bool_)
-    seeds[blocks[:, 0] - low[0] + reach, blocks[:, 1] - low[1] + reach] = True
-    covered = seeds
-    if reach:
-        covered = distance_transform_edt(~seeds) <= reach + 0.5
-    every = (np.argwhere(covered) + low - reach) * width
-    return np.ascontiguousarray(every, dtype=np.int64)
+    """The blocks that hold every whole-cell offset in any disc: their lowest offsets, shape (m, 2), in cells.
+
+    A disc is all offsets at most ``radius`` cells from a guess, one of ``guesses`` (n, 2), and the nearest one in any
+    case. A block is ``width`` x ``width`` offsets. It is taken if the rectangle around its offsets is as near to a
+    guess as that.
+    """
+    radius = max(radius, CELL_DIAGONAL / 2.0)
+    low = np.floor((guesses.min(axis=0) - radius) / width).astype(np.int64)
+    high = np.floor((guesses.max(axis=0) + radius) / width).astype(np.int64)
+    covered = np.zeros(tuple(high - low + 1), dtype=np.bool_)
+    # The blocks about each guess, (n, k) in x and in y: their numbers, and how far the guess is outside of them.
+    around = np.arange(math.ceil(2.0 * radius / width) + 2)
+    numbers = np.floor((guesses - radius) / width).astype(np.int64)[:, :, None] + around
+    numbers = np.minimum(numbers, high[:, None])
+    first = numbers * width
+    away = np.maximum(np.maximum(first - guesses[:, :, None], guesses[:, :, None] - (first + width - 1)), 0.0)
+    is_near = away[:, 0, :, None] ** 2 + away[:, 1, None, :] ** 2 <= radius**2
+    guess, x, y = np.nonzero(is_near)
+    covered[numbers[guess, 0, x] - low[0], numbers[guess, 1, y] - low[1]] = True
+    return np.ascontiguousarray((np.argwhere(covered) + low) * width, dtype=np.int64)
