@@ -43,7 +43,7 @@ def with_stops(gigabytes: float) -> tuple[ScanLog, list[tuple[int, int]]]:
 
 
 def _write(path: Path, log: ScanLog, rows: list[tuple[int, int]], images: int) -> None:
-    """Scans and odometry, and beside each so many camera images, as an MCAP bag."""
+    """Scans and odometry, and the given number of camera images beside each, as an MCAP bag."""
     messages = Messages(get_typestore(Stores.ROS2_HUMBLE))
     kinds = {"/scan": SCAN_TYPE, "/odom": ODOMETRY_TYPE, "/camera": IMAGE_TYPE}
     pixels = np.random.default_rng(0).integers(0, 255, 3 * IMAGE_SIDE**2, dtype=np.uint8)

@@ -26,7 +26,7 @@ SHORTEST_GAP = 8
 """Two open stretches with at most this many scans between them are one."""
 
 BEFORE, SKIPPED, AFTER = 20, 30, 30
-"""Scans whose speed counts: so many before an open stretch, and so many after it, some skipped.
+"""The numbers of scans whose speed counts: before an open stretch, skipped after it, and after that.
 
 Right after it, laser odometry measures its own smear of the wall that has just come into sight.
 """

@@ -292,7 +292,7 @@ def gtsam_marginals(factors: Any, values: Any) -> list[Any]:
 
 
 def timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Seconds, and what came of it; the collector of garbage waits."""
+    """Seconds, and the result; the garbage collector is off meanwhile."""
     gc.collect()
     gc.disable()
     began = time.perf_counter()

@@ -78,7 +78,7 @@ def help_of(capsys, *words: str) -> str:
 
 
 def test_quoted_python_names_are_public():
-    pages = [(ROOT / name).read_text() for name in ("README.md", "docs/using.md", "docs/architecture.md")]
+    pages = [(ROOT / name).read_text() for name in ("README.md", "docs/python.md", "docs/architecture.md")]
     names = {name for page in pages for name in re.findall(r"\bmapmend\.(\w+)\(", page)}
     assert len(names) > 5
     assert names - set(mapmend.__all__) == set()

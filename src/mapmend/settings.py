@@ -1,4 +1,4 @@
-"""How a setting is declared: its default and, where it is not any number from 0 on, its bounds beside it."""
+"""How a setting is declared: its default and its bounds beside it; without bounds, any number from 0 on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Bounds:
     high_is_open: bool = False
 
     def hold(self, value: float) -> bool:
-        """Whether the value lies within; NaN lies within no bounds."""
+        """Whether the value is within the bounds; NaN never is."""
         above = self.low < value if self.low_is_open else self.low <= value
         return above and (value < self.high if self.high_is_open else value <= self.high)
 

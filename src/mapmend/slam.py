@@ -169,7 +169,7 @@ def graph_optimization(log: ScanLog, config: Config, progress: Progress = no_pro
 
 
 def rebuild(graph: PoseGraph, config: Config = DEFAULT_CONFIG, *, progress: Progress = no_progress) -> RebuildResult:
-    """Optimizes a pose graph with scans on its nodes, whatever system made it, and matches its edges again: IGO IV.
+    """Optimizes a pose graph of any system with scans on its nodes, and matches its edges again: IGO IV.
 
     Consecutive nodes are those whose ids follow each other (`ScanGraph.from_pose_graph`). Edges that are matched again
     keep their information. Raises MapmendError for a graph without scans, or one that can't be optimized.

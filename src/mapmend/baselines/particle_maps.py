@@ -35,7 +35,7 @@ class ParticleMaps:
         self._note_free()
 
     def _new_tiles(self, tables: NDArray[np.int32], frame: NDArray[np.int64], tiles: int) -> SharedTiles:
-        """Untouched memory for so many tiles: unused tiles cost nothing."""
+        """Untouched memory for this many tiles: unused tiles take none."""
         cells = tiles * TILE_CELLS
         return SharedTiles(
             tables,

@@ -64,7 +64,8 @@ class PoseGraph:
         return replace(self, poses=poses)
 
     def with_order(self, rows: Int) -> PoseGraph:
-        """The same graph with its nodes in another order; ``rows`` (n,): which node of now comes first, second, ..."""
+        """The same graph with its nodes in another order; ``rows`` (n,): the present row of the first node, of the
+        second, ..."""
         place = np.empty(len(rows), dtype=np.int64)
         place[rows] = np.arange(len(rows))
         return replace(

@@ -47,7 +47,7 @@ class Tiles(NamedTuple):
 
     ``references`` is None for a grid of its own. Where maps share tiles, ``references[tile]`` (int32) counts them, and
     ``nearest`` (uint8) is 0 for none or names the occupied cell by the step to it, in rows and columns: a number would
-    go stale when that cell's tile is copied.
+    be wrong after that cell's tile is copied.
     """
 
     table: NDArray[np.int32]
@@ -121,7 +121,7 @@ def nearest_to(table, frame, nearest, references, size, x, y):
 
 @kernel
 def _name(references, cell, rows, columns):
-    """What ``nearest`` holds of an occupied cell that lies so many rows and columns on."""
+    """The entry of ``nearest`` for an occupied cell at an offset of ``rows`` and ``columns``."""
     if references is None:
         return cell
     return (rows + REACH) * ACROSS + (columns + REACH) + 1
@@ -129,7 +129,7 @@ def _name(references, cell, rows, columns):
 
 @kernel
 def _no_name(references):
-    """What ``nearest`` holds where no occupied cell is within reach."""
+    """The entry of ``nearest`` where no occupied cell is within reach."""
     if references is None:
         return -1
     return 0

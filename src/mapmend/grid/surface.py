@@ -29,7 +29,7 @@ class SurfaceGrid:
         self._clearing = Clearing(0, clearing_stride)
 
     def _new_tiles(self, table: NDArray[np.int32], frame: NDArray[np.int64], tiles: int) -> Tiles:
-        """Empty cells for so many tiles."""
+        """Empty cells for this many tiles."""
         cells = tiles * TILE_CELLS
         return Tiles(
             table,

@@ -1,7 +1,7 @@
-"""All that mapmend writes: outputs appear whole or not at all, and replace nothing that mapmend did not write.
+"""Writing of outputs: they appear whole or not at all, and replace only what mapmend wrote.
 
-A file is made beside its place and renamed into it. A folder is made beside its place and put there in one step, with
-everything that other people keep in it (`mapmend.io.swap`). Links are followed; devices and pipes are written to.
+A file is made beside its place and renamed into it. A folder is made beside its place and put there in one step, and
+other people's files in it are kept (`mapmend.io.swap`). Links are followed; devices and pipes are written to.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mapmend.io.staging import HIDDEN, Staging
 
 READ_IN_FOLDERS = (*RUN_FILES, "tune.json", "metadata.yaml")
 READ_SUFFIXES = (BAG_FILE, BAG_DATABASE)
-"""What is read where a RUN or a ROS bag is named."""
+"""The files that are read if a RUN or a ROS bag is named."""
 
 _MOST_LINKS = 40  # as many as Linux follows
 
@@ -37,8 +37,8 @@ _MOST_LINKS = 40  # as many as Linux follows
 def write_whole(path: str | Path, content: bytes | str) -> None:
     """Write a file beside its place and rename it into it; raises OutputError, leaving nothing behind.
 
-    A link stays, and what it leads to is written; a device, a pipe or an open file of this process is written to. A
-    file that is replaced hands on its permissions.
+    A link stays, and its target is written; a device, a pipe or an open file of this process is written to. The new
+    file gets the permissions of the one that it replaces.
     """
     data = content.encode() if isinstance(content, str) else content
     try:
@@ -120,14 +120,14 @@ def check_writable(directory: str | Path, names: Iterable[str] = ()) -> None:
 
 
 class OutputFolder:
-    """An output folder in the making: ``path`` takes the files, `write_run_json` comes last."""
+    """An output folder that is being made: the files are written into ``path``, `write_run_json` comes last."""
 
     def __init__(self, path: Path, target: Path) -> None:
         self.path = path
         self._target = target
 
     def write_run_json(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Write run.json and give what it says: ``values``, and ``files``, which mapmend may replace later.
+        """Write run.json and return its content: ``values``, and ``files``, which mapmend may replace later.
 
         ``files`` also names what mapmend wrote there before and what is still there. ``older_files`` gives the sha256
         of files, reports for instance, that fit what was there before and not what is written now.
@@ -214,7 +214,7 @@ def move_folder(made: Path, path: str | Path) -> None:
 
 
 def finish_interrupted(folder: str | Path) -> None:
-    """Finish what a killed process had begun to rename into ``folder``, before somebody reads it."""
+    """Before ``folder`` is read: finish the renaming that a killed process had begun there."""
     place = Path(folder).resolve()
     if place.is_dir():
         swap.sweep(place)
@@ -227,7 +227,7 @@ def not_written(target: Path, error: Exception) -> OutputError:
 
 
 def _place_of(path: Path) -> Path | None:
-    """The regular file that a path leads to or will make; None for what is written through. Raises OutputError."""
+    """The regular file that a path leads to or will make; None for a device, pipe or open file. Raises OutputError."""
     if path.is_dir():
         raise OutputError(f"{path}: is a directory; name a file")
     if _own_descriptor(path) is not None or (path.exists() and not path.is_file()):
@@ -254,7 +254,7 @@ def _own_descriptor(path: Path) -> int | None:
 
 
 def _write_through(path: Path, data: bytes) -> None:
-    """Into a device or pipe; into an open file at the place where this process has come to."""
+    """Write to a device or pipe; to an open file at this process's current position."""
     number = _own_descriptor(path)
     if number is not None:
         for stream in (sys.stdout, sys.stderr):
@@ -289,7 +289,7 @@ def _is_of(place: Path, source: Path) -> bool:
 
 
 def _check_free(target: Path, place: Path, names: Iterable[str]) -> None:
-    """Raise OutputError where a folder can't take files of these names without losing somebody's."""
+    """Raise OutputError if files of these names would replace files of others in a folder."""
     if not os.path.lexists(place):
         return
     if not place.is_dir():
@@ -314,7 +314,7 @@ def _foreign(path: Path) -> OutputError:
 
 
 def _parent_of_staging(place: Path) -> Path:
-    """Beside the output; within it where a file system begins there or this user may not write beside it."""
+    """The folder beside the output; the output itself if a file system begins there or the parent is not writable."""
     if place.is_dir() and (place.is_mount() or not os.access(place.parent, os.W_OK | os.X_OK)):
         return place
     return place.parent

@@ -1,4 +1,5 @@
-"""Which files of a folder mapmend wrote, so that it may replace them; everything else in the folder is somebody's."""
+"""Which files of a folder mapmend wrote, so that it may replace them; everything else in the folder belongs to
+others."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from typing import Any
 from mapmend.errors import OutputError
 
 RUN_FILE = "run.json"
-"""What an output folder says of itself; ``files`` lists, relative to the folder, what mapmend wrote there."""
+"""The description of an output folder; ``files`` lists, relative to the folder, what mapmend wrote there."""
 
 RUN_FILES = ("trajectory.tum", "graph.g2o", "map.pgm", "map.yaml", "map.png", RUN_FILE)
 SIMULATION_FILES = ("log.clf", "truth.tum", "world.png")
@@ -19,7 +20,7 @@ TUNE_FILES = ("graph.g2o", "tune.png", RUN_FILE)
 COMPARISON_PICTURE, DEMO_PICTURE = "compare.png", "demo.png"
 
 DERIVED_FILES = ("report.html", "check.png", "tune.json")
-"""What is made of a RUN and put into it: it does not fit any more when the RUN is replaced."""
+"""Files that are made from a RUN and put into it; they are out of date when the RUN is replaced."""
 
 _PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
 _PNG_HEADER_BYTES, _DOTS_PER_M = 33, 4331  # matplotlib's 110 dots per inch, as view/figures.py asks for
@@ -28,10 +29,10 @@ _HEAD_BYTES = 4096
 
 
 def own_files(folder: Path) -> frozenset[str]:
-    """The names that mapmend may replace in ``folder``: what its run.json lists; nothing where it has none.
+    """The names that mapmend may replace in ``folder``: those that its run.json lists; none if it has no run.json.
 
-    Those of version 0.1.0 hold no list; their keys tell which command wrote them, and so which files. Raises
-    OutputError where the run.json is another program's or is damaged.
+    A run.json of version 0.1.0 has no list; its keys show which command wrote it, and so which files. Raises
+    OutputError if the run.json is another program's or is damaged.
     """
     path = folder / RUN_FILE
     if not os.path.lexists(path):
@@ -84,7 +85,7 @@ def file_hash(path: Path) -> str:
 
 
 def is_own_content(path: Path) -> bool:
-    """Whether a file outside a listed folder is one that mapmend wrote, by what it begins with or holds.
+    """Whether mapmend wrote a file outside a listed folder, judged by its beginning or content.
 
     Known are its pictures with axes (.png), its report (.html) and its graphs (.g2o, .toro, .graph).
     """
@@ -133,7 +134,7 @@ def _listed(run_json: dict[str, Any]) -> frozenset[str] | None:
 
 
 def _files_of_old_tuning(folder: Path) -> frozenset[str]:
-    """Version 0.1.0 wrote no run.json beside a tuned graph and its picture; the two together tell them."""
+    """Version 0.1.0 wrote no run.json beside a tuned graph and its picture; only both together are recognized."""
     pair = ("tune.png", "graph.g2o")
     return frozenset(pair) if all(is_own_content(folder / name) for name in pair) else frozenset()
 

@@ -1,7 +1,7 @@
 """Hidden files and folders in which outputs are made, locked while the process that made them lives.
 
-Their names are ``.NAME.mapmend-xxxxxxxx``. The system releases the locks of a process that is killed; so what can be
-locked by another process is dead, and `mapmend.io.swap.sweep` clears it away.
+Their names are ``.NAME.mapmend-xxxxxxxx``. The system releases the locks of a killed process. So if another process
+can lock such a file, its process is gone, and `mapmend.io.swap.sweep` removes it.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ _PIECE_BYTES = 1 << 22
 
 
 class Staging:
-    """A hidden, locked folder; what is to be put in place is made in ``new``, a folder in it.
+    """A hidden, locked folder; the output is made in ``new``, a folder in it.
 
-    The plan, once it is written, says how ``new`` is put in place: who finds it after a kill knows what to do.
+    The plan, when it is written, describes how ``new`` is put in place, so that the next command can finish it after a
+    kill.
     """
 
     def __init__(self, parent: Path, name: str) -> None:
@@ -36,7 +37,7 @@ class Staging:
             try:
                 descriptor = os.open(self.path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
             except FileNotFoundError:
-                continue  # somebody who sweeps took it for dead before it had its lock
+                continue  # a sweeping process removed it before it had its lock
             self._lock = descriptor
             if _is_locked_in_place(descriptor, self.path / _LOCK):
                 break
@@ -52,12 +53,12 @@ class Staging:
         return self.path / _NEW
 
     def release(self) -> None:
-        """Give the lock back; what is still in the folder may be swept from now on."""
+        """Release the lock; what is still in the folder may be swept from now on."""
         os.close(self._lock)
 
 
 def write_plan(folder: Path, plan: dict[str, Any]) -> None:
-    """Put the plan into a hidden folder, at once and to stay."""
+    """Write the plan into a hidden folder, in one step and synced to the disk."""
     temporary = folder / f"{_PLAN}.part"
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
     try:
@@ -70,7 +71,7 @@ def write_plan(folder: Path, plan: dict[str, Any]) -> None:
 
 
 def read_plan(folder: Path) -> dict[str, Any] | None:
-    """The plan in a hidden folder; None where none was written yet. Raises ValueError for what is no plan."""
+    """The plan in a hidden folder; None if none was written yet. Raises ValueError if it is not a plan."""
     try:
         plan = json.loads((folder / _PLAN).read_bytes())
     except FileNotFoundError:
@@ -86,7 +87,7 @@ def new_of(folder: Path) -> Path:
 
 
 def remove_emptied(folder: Path) -> None:
-    """Take away a hidden folder whose ``new`` is gone; the lock last, so that nobody else begins on it."""
+    """Remove a hidden folder whose ``new`` is gone; the lock last, so that no other process begins with it."""
     for name in (f"{_PLAN}.part", _PLAN, _LOCK):
         (folder / name).unlink(missing_ok=True)
     folder.rmdir()
@@ -106,7 +107,7 @@ def dead_folder(folder: Path) -> Iterator[bool]:
     try:
         descriptor = _locked_now(folder / _LOCK)
     except FileNotFoundError:
-        # Killed before it had a lock, or after all else was removed: then it is empty. Else it is not ours.
+        # Killed before it had a lock, or after all else was removed: then it is empty. Otherwise it is not ours.
         with suppress(OSError):
             folder.rmdir()
         yield False
@@ -144,7 +145,7 @@ def write_all(descriptor: int, data: bytes | memoryview) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring a folder's entries to the disk, where its file system can do that for folders."""
+    """Sync a folder's entries to the disk, if its file system can do this for folders."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
@@ -154,7 +155,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_tree(folder: Path) -> None:
-    """Bring all files below a folder, and the folders, to the disk."""
+    """Sync all files below a folder, and the folders, to the disk."""
     for place, _, names in os.walk(folder):
         for name in names:
             descriptor = os.open(Path(place) / name, os.O_RDONLY | os.O_CLOEXEC)
@@ -177,8 +178,8 @@ def _prefix(name: str) -> str:
 
 
 def _is_locked_in_place(descriptor: int, path: Path) -> bool:
-    """Lock an open file for this process; False where somebody who sweeps has removed it before the lock was held."""
-    with suppress(OSError):  # a file system without locks: nobody can lock it there, so nobody sweeps
+    """Lock an open file for this process; False if a sweeping process removed it before the lock was held."""
+    with suppress(OSError):  # a file system without locks: no process can lock it there, so none sweeps
         fcntl.flock(descriptor, fcntl.LOCK_EX)
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat(follow_symlinks=False))
@@ -187,7 +188,7 @@ def _is_locked_in_place(descriptor: int, path: Path) -> bool:
 
 
 def _locked_now(path: Path) -> int | None:
-    """A descriptor that holds the lock of a file; None where a living process holds it."""
+    """A descriptor that holds the lock of a file; None if a living process holds it."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,9 +1,9 @@
-"""How a new output folder takes the place of an older one in one step, with everything else in it kept.
+"""How a new output folder replaces an older one in one step, while everything else in the folder is kept.
 
-Where the system can exchange two names (Linux: renameat2), the new folder is completed with hard links to whatever the
-older one holds besides, and the two change places at once; then the older one is cleared away. Where that can't be
-done, the files are renamed into the folder one by one, run.json last, after a plan was written by which the next
-command finishes what a killed one began.
+If the system can exchange two names (Linux: renameat2), the new folder is completed with hard links to all other files
+of the older one, and the two names are exchanged at once; then the older folder is removed. If that is not possible,
+the files are renamed into the folder one by one, run.json last. Before this, a plan is written, with which the next
+command finishes the work of a killed one.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _NO_EXCHANGE = {
 def put_in_place(staging: Staging, target: Path) -> None:
     """Make what is in ``staging.new`` the output folder ``target``, which may be there; raises OSError.
 
-    Who kills this process at any point leaves the older files or the new ones, all of them, and all others; after
-    renaming one by one that holds from the next command on, which calls `sweep`.
+    If this process is killed at any point, all of the older files or all of the new ones remain, and all others. After
+    renaming one by one, this holds when the next command has called `sweep`.
     """
     _drop_hidden(staging.new)
     hidden.sync_tree(staging.new)
@@ -51,7 +51,7 @@ def put_in_place(staging: Staging, target: Path) -> None:
 
 
 def remember(name: str | Path, place: Path) -> None:
-    """Note that an output has come to its place; what lies in a hidden folder has not."""
+    """Record that an output is in its place; a path in a hidden folder is not."""
     if not any(HIDDEN.fullmatch(part) for part in place.parts):
         PLACED.append(str(name))
 
@@ -66,9 +66,9 @@ def files_in(folder: Path) -> list[str]:
 
 
 def sweep(folder: Path) -> None:
-    """Clear away the hidden files and folders that killed processes of this user left in ``folder``.
+    """Remove the hidden files and folders that killed processes of this user left in ``folder``.
 
-    What was being renamed into its place is finished. What can't be cleared stays for the next time.
+    An output that was being renamed into its place is finished. What cannot be removed stays for the next time.
     """
     with suppress(OSError):
         for entry in list(os.scandir(folder)):
@@ -86,7 +86,7 @@ def sweep(folder: Path) -> None:
 
 
 def close(staging: Staging) -> None:
-    """End a staging, whatever became of it; what can't be cleared away is left to `sweep`."""
+    """End a staging after success or failure; what cannot be removed is left to `sweep`."""
     with uninterrupted():
         try:
             with suppress(OSError, ValueError, LookupError):
@@ -96,7 +96,7 @@ def close(staging: Staging) -> None:
 
 
 def finish(folder: Path) -> None:
-    """Bring a hidden folder to its end by its plan, and take it away; raises OSError, ValueError for a strange plan."""
+    """Finish the plan of a hidden folder and remove the folder; raises OSError, ValueError for an invalid plan."""
     plan = hidden.read_plan(folder)
     new = hidden.new_of(folder)
     if plan is not None:
@@ -117,7 +117,7 @@ def finish(folder: Path) -> None:
 
 
 def _remove_tree(folder: Path) -> None:
-    """Take away a folder of ours that may hold copies of other people's folders, which may be write-protected."""
+    """Remove a folder of ours that may hold copies of other people's folders, which may be write-protected."""
     for place, _, _ in os.walk(folder):
         os.chmod(place, 0o700)
     if folder.exists():
@@ -125,7 +125,7 @@ def _remove_tree(folder: Path) -> None:
 
 
 def _drop_hidden(folder: Path) -> None:
-    """Remove what a child process that was killed has left in the new output."""
+    """Remove the files that a killed child process left in the new output."""
     for place, folders, files in os.walk(folder):
         for name in filter(HIDDEN.fullmatch, folders):
             shutil.rmtree(Path(place) / name)
@@ -135,7 +135,7 @@ def _drop_hidden(folder: Path) -> None:
 
 
 def _renamed(new: Path, target: Path) -> bool:
-    """Whether ``new`` could be renamed to ``target``; False where somebody else has made a folder there by now."""
+    """Rename ``new`` to ``target``; returns False if another process has made a folder there in the meantime."""
     try:
         os.rename(new, target)
     except OSError as error:
@@ -146,7 +146,7 @@ def _renamed(new: Path, target: Path) -> bool:
 
 
 def _exchanged(staging: Staging, target: Path, names: list[str]) -> bool:
-    """Complete the new folder with all else that is in ``target`` and let the two change places; False if impossible.
+    """Complete the new folder with everything else in ``target`` and exchange the two; False if this is impossible.
 
     A shell whose working directory is the folder would be left in the older one, so then this is impossible too.
     """
@@ -168,7 +168,7 @@ def _exchanged(staging: Staging, target: Path, names: list[str]) -> bool:
 
 
 def exchange(one: Path, other: Path) -> None:
-    """Let two names of one file system change places, in one step; raises OSError, ENOSYS where that is unknown."""
+    """Exchange two names of one file system, in one step; raises OSError, ENOSYS if the system cannot do this."""
     import ctypes
 
     renameat2: Any = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
@@ -216,12 +216,12 @@ def _link_folder(old: Path, new: Path, below: str, links: dict[str, int]) -> Non
 
 
 def _clear_exchanged(left: Path, target: Path, names: set[str], links: dict[str, int]) -> None:
-    """Remove what has its successor or its link in ``target``, before the exchange or after it.
+    """Remove the files that have a successor or a link in ``target``, before the exchange or after it.
 
-    Anything else came into the older folder while the two changed places: it moves to ``target``.
+    Any other file was made in the older folder during the exchange: it is moved to ``target``.
     """
     for folder, below, files in os.walk(left):
-        os.chmod(folder, 0o700)  # a write-protected folder's mode has gone over to the new one
+        os.chmod(folder, 0o700)  # the new folder already has the mode of a write-protected one
         for path in (Path(folder) / name for name in (*files, *below)):
             if path.is_dir() and not path.is_symlink():
                 continue
@@ -238,7 +238,7 @@ def _clear_exchanged(left: Path, target: Path, names: set[str], links: dict[str,
 
 
 def _rename_each(staging: Staging, target: Path, names: Iterable[str]) -> None:
-    """Bring the staging into ``target``, write the plan, and rename file by file."""
+    """Move the staging into ``target``, write the plan, and rename file by file."""
     inside = staging
     if staging.path.parent != target:
         place = target / staging.path.name

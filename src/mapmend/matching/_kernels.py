@@ -17,9 +17,10 @@ class MatchSettings(NamedTuple):
     """How a scan is matched.
 
     ``reach_m``: of a match; ``half_weight_m``: the distance at which a point counts half; ``distance_std_m``: the least
-    standard deviation of a point's distance; ``iterations``: at most so many; ``convergence_m``: steps below end them;
-    ``widening``: how much wider reach and half-weight distance are at first. ``is_roughness_used``: where the surfaces
-    are rough (leaves, people), a distance counts less and the prior more: by the variance that the distances have.
+    standard deviation of a point's distance; ``iterations``: the greatest number of steps; ``convergence_m``: a shorter
+    step is the last one; ``widening``: how much wider reach and half-weight distance are at first.
+    ``is_roughness_used``: where the surfaces are rough (leaves, people), a distance counts less and the prior more: by
+    the variance that the distances have.
     """
 
     reach_m: float

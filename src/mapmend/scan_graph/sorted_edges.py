@@ -1,4 +1,4 @@
-"""The edges of a pose graph, told apart: which make up the chains of its nodes, which are loops."""
+"""Sorting of the edges of a pose graph: which make up the chains of its nodes, and which are loops."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class SortedEdges:
 
 
 def sort_edges(graph: PoseGraph) -> SortedEdges:
-    """Tells the edges of a graph apart, by ``is_loop`` and by the rows of their nodes.
+    """Sorts the edges of a graph, by ``is_loop`` and by the rows of their nodes.
 
-    An odometry edge over nodes that no chain of odometry edges joins is a loop edge like any other.
+    An odometry edge between nodes without a chain of odometry edges between them counts as a loop edge.
     """
     found = SortedEdges({}, [], [])
     forward = [_forward(graph, row) for row in range(len(graph.edges))]
@@ -56,7 +56,7 @@ def _forward(graph: PoseGraph, row: int) -> tuple[int, int, Float, Float]:
     measured, information = graph.measurements[row], graph.information[row]
     if i < j:
         return i, j, measured.copy(), information.copy()
-    # T_j_i * d measures the same as d' * T_i_j: a perturbation at j is carried to i by the adjoint.
+    # The inverse of T_j_i * d is T_i_j with a perturbation at i: the adjoint carries d from j to i.
     carry = se2.adjoint(se2.inverse(measured))
     turned = carry.T @ information @ carry
     return j, i, se2.inverse(measured), 0.5 * (turned + turned.T)
