@@ -9,6 +9,7 @@ from mapmend.config import GridConfig, ScanConfig
 from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import compose
 from mapmend.grid import occupancy
+from mapmend.grid._kernel_types import MapFrame
 from mapmend.grid.occupancy import occupancy_map
 from mapmend.maps import FREE, OCCUPIED, UNKNOWN
 from mapmend.scan import LaserGeometry, Scans
@@ -31,7 +32,7 @@ def counts_of(scans, poses, cell_size_m):
     beams = occupancy._place(scans, poses, CONFIG)
     cell, shape = occupancy._extent(beams, cell_size_m)
     origin = (cell[0] * cell_size_m, cell[1] * cell_size_m)
-    frame = np.array([*origin, cell_size_m, CONFIG.min_range_m, CONFIG.max_range_m])
+    frame = MapFrame(*(float(value) for value in (*origin, cell_size_m, CONFIG.min_range_m, CONFIG.max_range_m)))
     bands = [occupancy._count(beams, frame, row, (min(5, shape[0] - row), shape[1])) for row in range(0, shape[0], 5)]
     return np.concatenate(bands, axis=1), origin, shape
 

@@ -36,6 +36,13 @@ BLOCK = 64
 ZERO, TWO, FOUR, TINY = np.float32(0.0), np.float32(2.0), np.float32(4.0), np.float32(1e-30)
 
 
+class Drop(NamedTuple):
+    """How many of a pair's largest depths are left out: the least number, and the least share of them."""
+
+    points: int
+    share: float
+
+
 class Room(NamedTuple):
     """The scratch memory for BLOCK pairs.
 
@@ -318,8 +325,7 @@ def by_second(pairs, n):
 def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured):
     """MC (2) for pairs of scans (k, 2): ``measured`` (k, 4) takes n_ij, M_ij, and both without the largest depths.
 
-    ``stands``: (k, 2), the rows of ``lasers`` with the poses of each pair's scans. ``drop`` = (the least number of a
-    pair's largest depths that are left out, the least share of them).
+    ``stands``: (k, 2), the rows of ``lasers`` with the poses of each pair's scans. ``drop``: a `Drop`.
     """
     room = room_for(points)
     begins, depths = room.begins, room.depths
@@ -333,7 +339,7 @@ def measure_pairs(pairs, stands, polygons, points, lasers, beams, drop, measured
             for k in range(begin, end):
                 total += depths[k]
             count = end - begin
-            dropped = min(count, max(int(drop[0]), int(math.ceil(drop[1] * count))))
+            dropped = min(count, max(drop.points, int(math.ceil(drop.share * count))))
             row = block[n]
             measured[row, 0], measured[row, 1] = count, total
             if dropped > 0:

@@ -69,7 +69,6 @@ def measure(views: PlacedViews, pairs: Int, drop: tuple[int, float] = (0, 0.0)) 
 def measure_at(views: ScanViews, pairs: Int, stands: Int, lasers: Float, drop: tuple[int, float]) -> Float:
     """The same for scans whose laser poses are the rows ``stands``, (k, 2), of ``lasers``, (s, 4)."""
     measured = np.zeros((len(pairs), 4))
-    _kernels.measure_pairs(
-        pairs, stands, views.polygons, views.points, lasers, views.beams, np.array(drop, dtype=np.float64), measured
-    )
+    dropped = _kernels.Drop(int(drop[0]), float(drop[1]))
+    _kernels.measure_pairs(pairs, stands, views.polygons, views.points, lasers, views.beams, dropped, measured)
     return measured

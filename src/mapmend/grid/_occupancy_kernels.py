@@ -11,8 +11,8 @@ def count_beams(scans, directions, lasers, frame, first_row, counts):
 
     ``scans`` = (ranges float32 (total,), offsets int64 (n + 1,), laser number int32 (n,)). ``directions``: (lasers,
     beams, 2), unit vectors in the laser's frame. ``lasers``: (n, 4), x, y, cos, sin of the laser in the map.
-    ``frame`` = (x and y of the map's lower left corner, cell size, shortest and longest usable range).
-    ``counts``: int32, (2, rows, columns), returns and passes, for cells ``first_row`` to ``first_row + rows - 1``.
+    ``frame``: a `MapFrame`. ``counts``: int32, (2, rows, columns), returns and passes, for cells ``first_row`` to
+    ``first_row + rows - 1``.
 
     A beam passes the cells of the straight line from the laser's cell up to its return's: step k of n along the longer
     axis is ``round(k * shorter / n)`` along the other. So any step can be computed without the steps before it, and a
@@ -20,12 +20,12 @@ def count_beams(scans, directions, lasers, frame, first_row, counts):
     is not finite (no return, unusable) is not counted.
     """
     ranges, offsets, laser_number = scans
-    size, shortest, longest = frame[2], frame[3], frame[4]
+    size, shortest, longest = frame.cell_size_m, frame.shortest_m, frame.longest_m
     last_row = first_row + counts.shape[1] - 1
     reach = int(longest / size) + 2
     for k in range(lasers.shape[0]):
         x, y, cos, sin = lasers[k, 0], lasers[k, 1], lasers[k, 2], lasers[k, 3]
-        column, row = int((x - frame[0]) / size), int((y - frame[1]) / size)
+        column, row = int((x - frame.left_m) / size), int((y - frame.bottom_m) / size)
         if row + reach < first_row or row - reach > last_row:
             continue
         for beam in range(offsets[k + 1] - offsets[k]):
@@ -35,8 +35,8 @@ def count_beams(scans, directions, lasers, frame, first_row, counts):
                 continue
             length = min(reading, longest)
             dx, dy = directions[laser_number[k], beam, 0], directions[laser_number[k], beam, 1]
-            end_column = int((x + length * (cos * dx - sin * dy) - frame[0]) / size)
-            end_row = int((y + length * (sin * dx + cos * dy) - frame[1]) / size)
+            end_column = int((x + length * (cos * dx - sin * dy) - frame.left_m) / size)
+            end_row = int((y + length * (sin * dx + cos * dy) - frame.bottom_m) / size)
             across, up = abs(end_column - column), abs(end_row - row)
             to_right, to_top = (1 if end_column > column else -1), (1 if end_row > row else -1)
             steps = max(across, up)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mapmend.config import GridConfig, ScanConfig
 from mapmend.errors import MapmendError
 from mapmend.geometry.se2 import compose
+from mapmend.grid._kernel_types import MapFrame
 from mapmend.maps import FREE, FREE_THRESHOLD, OCCUPIED, UNKNOWN, OccupancyMap
 from mapmend.parallel import Progress, map_in_order, no_progress
 from mapmend.scan import Scans
@@ -68,7 +69,8 @@ def occupancy_map(
     first_cell, shape = _extent(beams, cell_size_m)
     image = np.full(shape, UNKNOWN, dtype=np.uint8)
     origin = (first_cell[0] * cell_size_m, first_cell[1] * cell_size_m, 0.0)
-    frame = np.array([origin[0], origin[1], cell_size_m, beams.shortest_m, beams.longest_m])
+    corner_and_limits = (origin[0], origin[1], cell_size_m, beams.shortest_m, beams.longest_m)
+    frame = MapFrame(*(float(value) for value in corner_and_limits))
 
     def fill(first_row: int) -> None:
         band = image[first_row : first_row + BAND_ROWS]
@@ -128,7 +130,7 @@ def _ends(beams: _Beams) -> Iterator[Float]:
         yield np.stack((x + length * (cos * dx - sin * dy), y + length * (sin * dx + cos * dy)), axis=1)
 
 
-def _count(beams: _Beams, frame: Float, first_row: int, shape: tuple[int, ...]) -> NDArray[np.int32]:
+def _count(beams: _Beams, frame: MapFrame, first_row: int, shape: tuple[int, ...]) -> NDArray[np.int32]:
     """Returns and passes of a band of the map, int32, (2, rows, columns)."""
     from mapmend.grid._occupancy_kernels import count_beams
 
