@@ -10,11 +10,8 @@ from mapmend.igo.steady import SteadyMotion, steady_motion, usual_change
 from mapmend.scan_graph.hung_scans import HungScans
 from mapmend.scan_graph.scan_graph import ScanGraph
 
-# The speed of an edge is estimated from this many edges before it.
-LOOK_BACK = 40
-# Edges after an open one may be biased too: surfaces that came into sight were drawn at poses with the open edges'
-# error.
-AFTER_OPEN = 10
+# How much the speed changes is estimated anew every this many edges; in between it hardly changes.
+LEARN_EVERY = 40
 # A stretch shorter than `igo.long_open_m` counts only if the steady speed changes its length by this many standard
 # deviations: over a few edges the front end's own prior is as good, and a stretch that looks open may be a corner seen
 # by few beams. Lengths of 2 to 3 m and 3 to 5 deviations do nearly the same (`benchmarks/lasers.py`, `corridor.py`, on
@@ -43,16 +40,18 @@ class SteadyStretches:
 
     def may_be_biased(self, j: int) -> bool:
         """Whether edge j, or one of those just before it, is open."""
-        return bool(self._matched.open_axes[max(1, j - AFTER_OPEN) : j + 1].any())
+        first, _ = self._chains.within(j, self._settings.after_open_m, 0.0)
+        return bool(self._matched.open_axes[first : j + 1].any())
 
     def step(self, j: int) -> Float:
         """The motion of edge j at a steady speed: from the round before, or from the edges before it."""
         if self._steady is not None:
             return self._steady.motions[j - 1]
         matched, seconds = self._matched, self._seconds
-        if not self._change.any() or j % LOOK_BACK == 0:
+        if not self._change.any() or j % LEARN_EVERY == 0:
             self._change = usual_change(matched.motions[1:j], matched.information[1:j], seconds[1:j])
-        rows = np.arange(max(1, j - LOOK_BACK), j + 1)
+        first, _ = self._chains.within(j, self._settings.speed_from_m, 0.0)
+        rows = np.arange(max(first, 1), j + 1)
         return steady_motion(matched.motions[rows], matched.information[rows], seconds[rows], self._change).motions[-1]
 
     def level_speeds(self, wanted: Bool, odometry: Float) -> Bool:
@@ -71,7 +70,7 @@ class SteadyStretches:
             along = turned(matched.open_axes[j], matched.motions[j, 2])
             off = self._steady.motions[j - 1, :2] - matched.motions[j, :2]
             matched.motions[j, :2] += along * float(along @ off)
-            after[j : j + AFTER_OPEN + 1] = True
+            after[j : self._chains.within(int(j), 0.0, self._settings.after_open_m)[1]] = True
         for first, end in runs(matched.is_open):
             share = self._seconds[first:end] / self._seconds[first:end].sum()
             odometry[first:end] = share[:, None, None] * self._steady.covariance_of_sum(first - 1, end - 1)
