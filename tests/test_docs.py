@@ -7,6 +7,7 @@ import pytest
 
 import mapmend
 from mapmend.cli import main
+from mapmend.config import Config, to_dict
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -97,3 +98,12 @@ def test_quoted_commands_and_options_exist(capsys):
     for line in quoted:
         options = re.findall(r"(?<=\s)--?[a-z][a-z-]*", line)
         assert [option for option in options if not re.search(rf"{option}\b", helps[line.split()[0]])] == [], line
+
+
+def test_each_setting_has_its_reason_in_the_table():
+    """But for the switches that say what is wanted: no value of theirs is chosen well or badly."""
+    rows = [row for row in (ROOT / "docs" / "settings.md").read_text().splitlines() if row.startswith("| `")]
+    named = {name for row in rows for name in re.findall(r"`(\w+\.\w+)`", row.split("|")[1])}
+    blocks = {block: table for block, table in to_dict(Config()).items() if isinstance(table, dict)}
+    settings = {f"{block}.{name}" for block, table in blocks.items() for name in table}
+    assert settings - named == {"loops.enabled", "motion.use_odometry"}
