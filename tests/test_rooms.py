@@ -50,7 +50,7 @@ PRIVATE_USERS = {
         "mapmend.baselines._map_kernels",
         "mapmend.baselines.particle_maps",
     },
-    "mapmend.matching._kernels": {"mapmend.baselines._filter_kernels", "mapmend.baselines.gmapping"},
+    "mapmend.matching._kernels": {"mapmend.baselines._filter_kernels", "mapmend.baselines.follower"},
     "mapmend.grid._projection_kernels": {"mapmend.scan_graph.points"},
     "mapmend.matching._surface_kernels": {"mapmend.igo._kernels", "mapmend.baselines._filter_kernels"},
 }

@@ -5,6 +5,9 @@ import pytest
 
 from mapmend.baselines.particle_maps import ParticleMaps
 from mapmend.errors import MapmendError
+from mapmend.geometry import se2
+from mapmend.grid._kernels import cell_at
+from mapmend.grid.likelihood import likelihood_field
 from mapmend.grid.surface import SurfaceGrid
 from tests.baselines.maps import contents_of
 from tests.grid.contents import Contents
@@ -81,3 +84,24 @@ def test_particles_of_one_parent_share_all_tiles_until_they_write(scene):
     written = [len(np.unique(maps.shared.tables[:, r, c])) for r, c in np.argwhere(maps.shared.tables[0] >= 0)]
     assert set(written) == {1, 20}
     assert maps.tiles_in_use == sum(written)
+
+
+def test_the_likelihood_field_of_a_particle_is_that_of_its_surfaces(scene):
+    """By names of neighbours across tiles as by numbers of cells; a shared tile and a copied one alike."""
+    maps = ParticleMaps(2, SIZE_M)
+    for k, pose in enumerate(scene.poses[:12:3]):
+        insert(maps, scene.scan_at(pose, k), np.stack((pose, se2.compose(pose, [0.03, 0.0, 0.0]))))
+    for p in range(2):
+        content, tiles = contents_of(maps, p), maps.of(p)
+        numbers = np.full(len(tiles.nearest), -1, dtype=np.int32)
+        for (row, column), (there_row, there_column) in content.nearest.items():
+            cell, there = (
+                cell_at(tiles.table, tiles.frame, r, c) for r, c in ((row, column), (there_row, there_column))
+            )
+            numbers[cell] = there
+        by_number = tiles._replace(nearest=numbers, references=None)
+        expected, found = likelihood_field(by_number, 0.1), likelihood_field(maps.of(p), 0.1)
+        assert found.origin == expected.origin
+        for level, other in zip(found.levels, expected.levels, strict=True):
+            np.testing.assert_array_equal(level, other)
+        assert found.levels[0].max() > 200

@@ -25,7 +25,7 @@ def grid_of(seed, returns=12, spread_m=2.5):
 
 def test_the_finest_level_is_that_of_the_plain_twin():
     grid = grid_of(1)
-    field = likelihood_field(grid, 0.1)
+    field = likelihood_field(grid.tiles, 0.1)
     means = Contents(grid).mean
     assert field.cell_size_m == 2 * SIZE
     column0, row0 = (round(x / field.cell_size_m) for x in field.origin)
@@ -42,7 +42,7 @@ def test_the_finest_level_is_that_of_the_plain_twin():
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6))
 def test_every_level_bounds_all_offsets_that_begin_in_one_block(seed):
-    field = likelihood_field(grid_of(seed), 0.1)
+    field = likelihood_field(grid_of(seed).tiles, 0.1)
     finest = field.levels[0].astype(int)
     for shift, level in enumerate(field.levels[1:], 1):
         width = 1 << shift
@@ -58,7 +58,7 @@ def test_every_level_bounds_all_offsets_that_begin_in_one_block(seed):
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6))
 def test_bounds_are_no_looser_than_twice_the_block(seed):
-    field = likelihood_field(grid_of(seed), 0.1)
+    field = likelihood_field(grid_of(seed).tiles, 0.1)
     finest = field.levels[0]
     for shift, level in enumerate(field.levels[1:], 1):
         width = 1 << shift
@@ -69,7 +69,7 @@ def test_bounds_are_no_looser_than_twice_the_block(seed):
 
 
 def test_nothing_likely_lies_on_the_rim_where_offsets_from_outside_begin():
-    field = likelihood_field(grid_of(2), 0.1)
+    field = likelihood_field(grid_of(2).tiles, 0.1)
     rim = 1 << (len(field.levels) - 1)
     assert not field.levels[0][:rim].any()
     assert not field.levels[0][:, :rim].any()
@@ -82,7 +82,7 @@ def test_a_part_of_the_field_is_that_part_of_the_whole(centre):
     points = np.zeros((200, 5))
     points[:, :2] = rng.uniform(-12.0, 12.0, (200, 2))
     grid.insert(points, np.zeros(3), np.zeros(3))
-    whole, part = likelihood_field(grid, 0.1), likelihood_field(grid, 0.1, centre, 2.0)
+    whole, part = likelihood_field(grid.tiles, 0.1), likelihood_field(grid.tiles, 0.1, centre, 2.0)
     assert part.levels[0].size < 0.3 * whole.levels[0].size
 
     def at(field, x, y):
@@ -98,8 +98,8 @@ def test_a_part_of_the_field_is_that_part_of_the_whole(centre):
 
 def test_the_field_of_nothing_is_empty():
     for field in (
-        likelihood_field(SurfaceGrid(SIZE), 0.1),
-        likelihood_field(grid_of(4), 0.1, (500.0, 500.0), 3.0),
+        likelihood_field(SurfaceGrid(SIZE).tiles, 0.1),
+        likelihood_field(grid_of(4).tiles, 0.1, (500.0, 500.0), 3.0),
     ):
         assert all(not level.any() for level in field.levels)
         assert field.cell_size_m == 2 * SIZE

@@ -51,7 +51,7 @@ def plain_scores(field, points, region):
 def test_branch_and_bound_finds_the_best_of_all_poses(seed, offset, radius_m, angle_rad, ties):
     tie_weight, tie_radii = ties
     s = scene(seed)
-    field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, 1)
+    field, points = likelihood_field(s.grid.tiles, 0.1), s.scan_at(s.here, 1)
     prior = se2.compose(s.here, offset)
     region = disc(prior, radius_m, angle_rad, tie_weight, tie_radii)
     scores = plain_scores(field, points, region)
@@ -69,7 +69,7 @@ def test_branch_and_bound_finds_the_best_of_all_poses(seed, offset, radius_m, an
 @given(st.integers(0, 5), st.floats(0.2, 1.0), st.sampled_from([-0.1, -1e-9, 1e-9, 0.1]))
 def test_only_what_beats_the_score_is_found(seed, radius_m, margin):
     s = scene(seed)
-    field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, 2)
+    field, points = likelihood_field(s.grid.tiles, 0.1), s.scan_at(s.here, 2)
     region = disc(s.here, radius_m, 0.05, 0.03)
     best = max(plain_scores(field, points, region).values())
     found = search(field, points, region, best + margin)
@@ -83,7 +83,7 @@ def test_only_what_beats_the_score_is_found(seed, radius_m, margin):
 def test_the_true_pose_is_found_from_metres_away(seed, offset, scan_seed):
     s = scene(seed)
     prior = se2.compose(s.here, offset)
-    found = search(likelihood_field(s.grid, 0.1), s.scan_at(s.here, scan_seed), disc(prior, 2.0, 0.35, 0.0), 0.3)
+    found = search(likelihood_field(s.grid.tiles, 0.1), s.scan_at(s.here, scan_seed), disc(prior, 2.0, 0.35, 0.0), 0.3)
     assert found is not None
     away_m, turned_rad = errors(found[0], s.here)
     assert away_m < 0.12
@@ -96,7 +96,7 @@ def test_the_true_pose_is_found_from_metres_away(seed, offset, scan_seed):
 def test_a_wide_search_by_coarse_blocks_finds_no_less_than_a_near_one(seed, offset, scan_seed):
     """From up to 25 m away, beyond what is searched by small blocks; the tie weight leaves the score to decide."""
     s = scene(seed)
-    field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, scan_seed)
+    field, points = likelihood_field(s.grid.tiles, 0.1), s.scan_at(s.here, scan_seed)
     size = field.cell_size_m
     away = np.rint(np.array(offset) / size) * size
     near = search(field, points, disc(s.here, 0.5, 0.05, 0.0), 0.3)
@@ -109,7 +109,7 @@ def test_a_wide_search_by_coarse_blocks_finds_no_less_than_a_near_one(seed, offs
 
 def test_guesses_along_a_line_reach_a_pose_that_none_of_their_discs_alone_would():
     s = scene(2)
-    field, points = likelihood_field(s.grid, 0.1), s.scan_at(s.here, 3)
+    field, points = likelihood_field(s.grid.tiles, 0.1), s.scan_at(s.here, 3)
     prior = se2.compose(s.here, (2.5, 0.0, 0.05))
     way = np.linspace(0.0, 1.0, 60)[:, None]
     line = prior[:2] + way * (s.here[:2] - prior[:2])
@@ -126,7 +126,7 @@ def test_ties_go_to_the_pose_nearest_the_prior():
     points = np.column_stack((np.tile(np.linspace(-2.0, 2.0, 200), 2), y, np.zeros(400), -y, np.zeros(400)))
     for shift in np.linspace(-8.0, 8.0, 161):
         grid.insert(points, np.zeros(3), np.array([shift, 0.0, 0.0]))
-    field = likelihood_field(grid, 0.1)
+    field = likelihood_field(grid.tiles, 0.1)
     for x in (-3.0, 0.0, 2.0):
         prior = np.array([x, 0.0, 0.0])
         found = search(field, points, disc(prior, 2.0, 0.05, 0.03, (2.0, 0.05)), 0.3)
@@ -136,12 +136,12 @@ def test_ties_go_to_the_pose_nearest_the_prior():
 
 def test_nothing_is_found_without_points_or_far_from_the_grid():
     s = scene(0)
-    field = likelihood_field(s.grid, 0.1)
+    field = likelihood_field(s.grid.tiles, 0.1)
     region = disc(s.here, 1.0, 0.1, 0.0)
     assert search(field, np.zeros((0, 5)), region, 0.0) is None
     far = s.here + np.array([300.0, -300.0, 0.0])
     assert search(field, s.scan_at(s.here, 4), disc(far, 1.0, 0.1, 0.0), 0.0) is None
-    assert search(likelihood_field(SurfaceGrid(0.05), 0.1), s.scan_at(s.here, 4), region, 0.0) is None
+    assert search(likelihood_field(SurfaceGrid(0.05).tiles, 0.1), s.scan_at(s.here, 4), region, 0.0) is None
 
 
 coordinates = st.one_of(st.floats(-60.0, 60.0), st.integers(-60, 60).map(float), st.just(7.9))

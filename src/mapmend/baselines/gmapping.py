@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.baselines._filter_kernels import Likelihood, Particles, ProposalSettings, propose
+from mapmend.baselines.follower import Follower, motion_std, size_of
 from mapmend.baselines.particle_maps import ParticleMaps
 from mapmend.config import Config, GMappingConfig
 from mapmend.geometry import se2
 from mapmend.graph.pose_graph import PoseGraph
-from mapmend.matching._kernels import match_points
-from mapmend.matching.gauss_newton import match_settings, round_prior
+from mapmend.matching.gauss_newton import match_settings
 from mapmend.parallel import Progress, map_in_order, no_progress
 from mapmend.scan import ScanLog
 from mapmend.scan_graph.chains import OdometryEdge
@@ -30,9 +30,6 @@ from mapmend.scan_graph.scan_graph import ScanGraph
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-# No motion is known better than this, however little the wheels report.
-LEAST_STD_M = 0.01
-LEAST_STD_RAD = 0.005
 # Particles that one thread moves at a time: their kernels' calls cost as little as their work is long.
 CHUNK = 4
 
@@ -62,7 +59,6 @@ class ParticleFilter:
         self.settings: GMappingConfig = config.gmapping
         self._threads = threads
         self._progress = progress
-        self._motions = se2.between(log.odometry[:-1], log.odometry[1:])
         self._points = ScanPoints(log.scans, config.scan)
         self._random = np.random.default_rng(config.seed)
         count = self.settings.particles
@@ -74,12 +70,14 @@ class ParticleFilter:
         self.unmatched = 0
         self._parents = np.arange(count)
         self._best = 0
+        self.follower = Follower(log, config, self._random)
         self._match_settings = match_settings(config.match, is_roughness_used=False)
-        # Since the last update: the way and the turn that the odometry reports, its motion, and that of the scans.
+        # Since the last update: way and turn, the believed motion with the variance of its unknown part, and the motion
+        # by the scans.
         self._way_m = self._turn_rad = 0.0
-        self._reported = np.zeros(3)
+        self._believed = np.zeros(3)
+        self._unknown = np.zeros(2)
         self._tracked = np.zeros(3)
-        self._last_step = np.zeros(3)
         # Every scan's place, seen from the last update's scan.
         self.T_update_scan = np.zeros((len(log), 3))
         self.scan_update = np.zeros(len(log), dtype=np.int64)
@@ -98,38 +96,28 @@ class ParticleFilter:
         if k == 0:
             self._insert(k, points, np.zeros((len(self.poses), 3, 3)))
             return
-        motion = self._motions[k - 1] if self.config.motion.use_odometry else self._last_step
-        self._way_m += math.hypot(motion[0], motion[1])
-        self._turn_rad += abs(float(motion[2]))
-        self._reported = se2.compose(self._reported, motion)
-        before = self._tracked
-        self._tracked = self._track(points, se2.compose(before, motion), motion)
-        self._last_step = se2.between(before, self._tracked)
+        origin = self.poses[self._best]
+        before = se2.compose(origin, self._tracked)
+        step = self.follower.follow(k, self.maps.of(self._best), points, before)
+        way_m, turn_rad = size_of(step.believed)
+        self._way_m += way_m
+        self._turn_rad += turn_rad
+        self._believed = se2.compose(self._believed, step.believed)
+        self._unknown += step.unknown
+        self._tracked = se2.compose(self._tracked, step.tracked)
         self.T_update_scan[k] = self._tracked
         self.scan_update[k] = len(self.updates) - 1
         settings = self.settings
         if self._way_m >= settings.linear_update_m or self._turn_rad >= settings.angular_update_rad:
             self._update(k, points)
 
-    def _track(self, points: Float, expected: Float, motion: Float) -> Float:
-        """Where a scan between two updates is, seen from the last: matched on the best particle's map.
-
-        A filter that looks at the odometry alone between updates loses its start for the match when wheels slip.
-        """
-        origin = self.poses[self._best]
-        pose = se2.compose(origin, expected)
-        std = _motion_std(math.hypot(motion[0], motion[1]), abs(float(motion[2])), self.settings)
-        found = match_points(self.maps.of(self._best), points, pose, round_prior(pose, *std), self._match_settings)
-        is_matched = found.matched / max(len(points), 1) >= self.settings.minimum_score
-        return se2.between(origin, found.pose if is_matched else pose)
-
     def _update(self, k: int, points: Float) -> None:
         """Steps 1 to 6 of the paper's Algorithm 1 for all particles, then its selective resampling."""
         count = len(self.poses)
         poses = se2.compose(self.poses, self._tracked)
         particles = Particles(poses, np.zeros(count), np.zeros((count, 3, 3)), np.zeros(count))
-        std = _motion_std(self._way_m, self._turn_rad, self.settings)
-        expected = self._reported if self.config.motion.use_odometry else self._tracked
+        std = np.sqrt(np.square(motion_std(self._way_m, self._turn_rad, self.settings)) + self._unknown)
+        expected = self._believed if self.config.motion.use_odometry else self._tracked
         priors = np.column_stack((se2.compose(self.poses, expected), np.tile(std, (count, 1))))
         normals = self._random.standard_normal((count, 3))
         likelihood = Likelihood(float(self.settings.lsigma_m), float(self.config.match.reach_m))
@@ -162,7 +150,7 @@ class ParticleFilter:
         self.updates.append(Update(k, self._tracked, self.poses.copy(), covariances, self._parents))
         self._parents = np.arange(len(self.poses))
         self._way_m = self._turn_rad = 0.0
-        self._reported, self._tracked = np.zeros(3), np.zeros(3)
+        self._believed, self._unknown, self._tracked = np.zeros(3), np.zeros(2), np.zeros(3)
         self.T_update_scan[k] = 0.0
         self.scan_update[k] = len(self.updates) - 1
 
@@ -197,13 +185,6 @@ def systematic(weights: Float, shift: float) -> Int:
     n = len(weights)
     ends = np.cumsum(weights)
     return np.minimum(np.searchsorted(ends, (shift + np.arange(n)) / n * ends[-1], side="right"), n - 1)
-
-
-def _motion_std(way_m: float, turn_rad: float, settings: GMappingConfig) -> tuple[float, float]:
-    """Standard deviations of the odometry over a way and a turn: of the translation (m), of the rotation (rad)."""
-    translation = math.hypot(settings.srr * way_m, settings.srt * turn_rad)
-    rotation = math.hypot(settings.str * way_m, settings.stt * turn_rad)
-    return max(translation, LEAST_STD_M), max(rotation, LEAST_STD_RAD)
 
 
 def path_graph(particle_filter: ParticleFilter) -> tuple[PoseGraph, Float]:

@@ -50,7 +50,7 @@ class Relocation:
         points = recent_points(chains, graph.points, STRETCH * length, chains.last)
         here, turn = chains.poses[-1], loops.most_turn_rad
         region = Region(here, here[None, :2], radius_m, turn, loops.tie_weight, radius_m, turn)
-        found = search(likelihood_field(grid, config.match.half_weight_m), points, region, loops.min_likelihood)
+        found = search(likelihood_field(grid.tiles, config.match.half_weight_m), points, region, loops.min_likelihood)
         if found is None:
             return None
         match = graph.matcher.match(grid, points, found[0])

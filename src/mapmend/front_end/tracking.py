@@ -10,17 +10,13 @@ from numpy.typing import NDArray
 
 from mapmend.config import Config
 from mapmend.geometry import se2
-from mapmend.grid.likelihood import likelihood_field
 from mapmend.grid.surface import SurfaceGrid
-from mapmend.matching.correlative import Region, search
 from mapmend.matching.gauss_newton import Match, SurfaceMatcher, round_prior
+from mapmend.matching.hypotheses import Expected, UsualScore, find_among
 from mapmend.scan_graph.motion import STD_PER_MEDIAN, draw_hypotheses, odometry_covariance, odometry_std
 
 Float = NDArray[np.float64]
 
-# A score this far below the usual one is a drop; a scan's share of the usual score makes it follow some twenty scans.
-DROP = 0.1
-USUAL_SHARE = 0.05
 # The adaptation of the median difference between odometry and good matches: a factor of e in a hundred scans.
 MEDIAN_SHARE = 0.01
 
@@ -39,7 +35,7 @@ class Tracker:
     def __init__(self, matcher: SurfaceMatcher, config: Config) -> None:
         self._matcher = matcher
         self._config = config
-        self._usual_score = 1.0
+        self._usual_score = UsualScore(config.match)
         # The usual correction of the odometry by good matches, in the model's standard deviations: translation,
         # rotation.
         self._usual_step = np.full(2, 1.0 / STD_PER_MEDIAN)
@@ -51,13 +47,13 @@ class Tracker:
         predicted = se2.compose(before, motion)
         prior = round_prior(predicted, *odometry_std(motion, self._config.motion))
         match = self._matcher.match(grid, points, predicted, prior)
-        searched = self._is_doubtful(match, len(points))
+        searched = self._usual_score.is_doubtful(match.score, len(points))
         if searched:
             hypotheses = self._hypotheses(before, predicted, odometry_covariance(motion, self._config.motion))
             best = self._best_of(grid, points, hypotheses, prior, match)
             # If the result of the search is doubtful too, it is not used.
-            match = match if self._is_doubtful(best, len(points)) else best
-        self._usual_score += USUAL_SHARE * (match.score - self._usual_score)
+            match = match if self._usual_score.is_doubtful(best.score, len(points)) else best
+        self._usual_score.learn(match.score)
         self._learn(match, prior)
         return Tracked(self._tempered(match, predicted), searched)
 
@@ -87,11 +83,6 @@ class Tracker:
         pose = match.pose + share[[0, 0, 1]] * np.array([step[0], step[1], math.remainder(step[2], math.tau)])
         return replace(match, pose=pose)
 
-    def _is_doubtful(self, match: Match, points: int) -> bool:
-        """Whether fewer beams match than required, and fewer than so far: among leaves, few beams ever match."""
-        least = min(self._config.match.min_score, self._usual_score - DROP)
-        return points >= self._config.match.min_points and match.score < least
-
     def _hypotheses(self, before: Float, predicted: Float, covariance: Float) -> Float:
         """Draws from the odometry model, spread wider: if a match is doubtful, the model may be wrong, for wheels slip.
 
@@ -103,34 +94,12 @@ class Tracker:
 
     def _best_of(self, grid: SurfaceGrid, points: Float, hypotheses: Float, prior: Float, first: Match) -> Match:
         """The correlative search over all hypotheses, refined; returns ``first`` unless another match is better."""
-        config, predicted = self._config, prior[3]
+        config = self._config
         three_sigma_m, three_sigma_rad = 3.0 / math.sqrt(prior[0, 0]), 3.0 / math.sqrt(prior[2, 2])
-        away = np.hypot(*(hypotheses[:, :2] - predicted[:2]).T)
-        turn = float(np.abs(se2.wrap_angle(hypotheses[:, 2] - predicted[2])).max())
-        farthest = float(np.hypot(points[:, 0], points[:, 1]).max()) + float(away.max()) + config.match.reach_m
-        field = likelihood_field(grid, config.match.half_weight_m, (predicted[0], predicted[1]), farthest)
-        weight = config.motion.prior_weight
-        region = Region(
-            predicted, hypotheses[:, :2], config.match.reach_m, turn, weight, three_sigma_m, three_sigma_rad
-        )
-        found = search(field, points, region, 0.0)
+        expected = Expected(prior[3], three_sigma_m, three_sigma_rad, config.motion.prior_weight)
+        found = find_among(grid.tiles, points, hypotheses, expected, config.match)
         if found is None:
             return first
-        refined = self._matcher.match(grid, points, found[0], prior)
-        # A share of matched beams is a binomial count: the gain must exceed its noise and the penalty for the
-        # distance to the odometry.
-        noise = math.sqrt(max(first.score * (1.0 - first.score), 0.01) / len(points))
-        gain = self._against(refined, predicted, three_sigma_m, three_sigma_rad)
-        gain -= self._against(first, predicted, three_sigma_m, three_sigma_rad)
-        return refined if refined.score > first.score + noise + weight * gain else first
-
-    @staticmethod
-    def _against(match: Match, predicted: Float, three_sigma_m: float, three_sigma_rad: float) -> float:
-        """The penalty of a pose by the odometry, 0 to 1: its squared distance in three standard deviations, at most
-        one.
-
-        Beyond them the penalty does not grow, because the model does not hold: the errors of slip have a long tail.
-        """
-        step = se2.between(predicted, match.pose)
-        distance = (step[0] ** 2 + step[1] ** 2) / three_sigma_m**2 + (step[2] / three_sigma_rad) ** 2
-        return min(float(distance), 1.0)
+        refined = self._matcher.match(grid, points, found, prior)
+        is_better = expected.prefers((refined.pose, refined.score), (first.pose, first.score), len(points))
+        return refined if is_better else first

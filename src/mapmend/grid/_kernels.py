@@ -106,6 +106,17 @@ def nearest_surface(table, frame, nearest, references, cell, row, column):
 
 
 @kernel
+def nearest_surfaces(tiles, cells, rows, columns):
+    """`nearest_surface` of cells (n,) in ``rows`` and ``columns`` (n,)."""
+    found = np.empty(len(cells), np.int64)
+    for k in range(len(cells)):
+        found[k] = nearest_surface(
+            tiles.table, tiles.frame, tiles.nearest, tiles.references, cells[k], rows[k], columns[k]
+        )
+    return found
+
+
+@kernel
 def nearest_to(table, frame, nearest, references, size, x, y):
     """The number of the cell whose surface is nearest to the cell that a place (m) lies in, or -1.
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmend.grid import _kernels
-from mapmend.grid.surface import SurfaceGrid
 
 Bytes = NDArray[np.uint8]
+Tiles = _kernels.Tiles
 
 LEVELS = 6
 # Tiles under one cell of the coarsest level.
@@ -34,14 +34,13 @@ class LikelihoodField:
 
 
 def likelihood_field(
-    grid: SurfaceGrid, std_m: float, centre: tuple[float, float] | None = None, radius_m: float = np.inf
+    tiles: Tiles, std_m: float, centre: tuple[float, float] | None = None, radius_m: float = np.inf
 ) -> LikelihoodField:
-    """The field of the tiles that touch the square of ``radius_m`` about ``centre`` (all, by default).
+    """The field of those ``tiles`` that touch the square of ``radius_m`` about ``centre`` (all, by default).
 
     A cell's likelihood is ``exp(-d^2 / (2 std_m^2))`` with d from its centre to the nearest surface within reach.
     """
-    size, tile = grid.cell_size_m, _kernels.TILE
-    tiles = grid.tiles
+    size, tile = tiles.cell_size_m, _kernels.TILE
     row0, column0 = int(tiles.frame[1]), int(tiles.frame[2])
     rows, columns = tiles.table.shape
     if centre is not None and np.isfinite(radius_m):
@@ -64,12 +63,20 @@ def likelihood_field(
         for last, low in ((used_r.max(), low_r), (used_c.max(), low_c))
     ]
     finest = np.zeros((shape[0], tile, shape[1], tile), np.uint8)
-    sources = tiles.nearest.reshape(-1, tile, tile)[part[used_r, used_c]]
+    numbers = part[used_r, used_c]
+    names = tiles.nearest.reshape(-1, tile, tile)[numbers]
     # Few cells are near a surface: the exponential is computed only for those.
-    t, row, column = np.nonzero(sources >= 0)
-    means = tiles.surface[sources[t, row, column], :2]
-    x = ((used_c[t] + first_c + column0) * tile + column + 0.5) * size
-    y = ((used_r[t] + first_r + row0) * tile + row + 0.5) * size
+    t, row, column = np.nonzero(names >= 0 if tiles.references is None else names)
+    row_on_map, column_on_map = (
+        (used_r[t] + first_r + row0) * tile + row,
+        (used_c[t] + first_c + column0) * tile + column,
+    )
+    sources = names[t, row, column]
+    if tiles.references is not None:
+        cells = numbers[t].astype(np.int64) * _kernels.TILE_CELLS + row * tile + column
+        sources = _kernels.nearest_surfaces(tiles, cells, row_on_map, column_on_map)
+    means = tiles.surface[sources, :2]
+    x, y = (column_on_map + 0.5) * size, (row_on_map + 0.5) * size
     squared = (means[:, 0] - x) ** 2 + (means[:, 1] - y) ** 2
     finest[used_r[t] - low_r, row, used_c[t] - low_c, column] = np.rint(255.0 * np.exp(-squared / (2.0 * std_m**2)))
     blocks = _halved(finest.reshape(shape[0] * tile, shape[1] * tile))

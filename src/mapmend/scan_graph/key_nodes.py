@@ -151,5 +151,5 @@ class KeyNodes:
         """The likelihood field of the local grid of key-node k."""
         local = self.local_grid(k)
         if local.field is None:
-            local.field = likelihood_field(local.grid, self._config.match.half_weight_m)
+            local.field = likelihood_field(local.grid.tiles, self._config.match.half_weight_m)
         return local.field
