@@ -148,8 +148,8 @@ class IgoConfig(Block):
     same_m: float = 0.02  # an edge whose match returns within these two is unchanged
     same_rad: float = 0.007
     clear_gain: float = setting(0.05, at_most=1)  # a match that fits better by this needs no other reason to be taken
-    after_open_m: float = 2.5  # by laser alone, edges this far behind an open one may be biased too
-    speed_from_m: float = 10.0  # by laser alone, the speed of an open edge is estimated from this much before it
+    after_open_m: float = 3.0  # by laser alone, edges this far behind an open one may be biased too
+    speed_from_m: float = 12.0  # by laser alone, the speed of an open edge is estimated from this much before it
     long_open_m: float = 3.0  # by laser alone, a shorter open stretch is open only if its length clearly changed
     settled_share: float = 0.01  # of chi2, which for a sound graph is about the number of nodes: epsilon of Algorithm 1
 
