@@ -75,7 +75,7 @@ class LoopPass:
         k = int(self._key_nodes.of_node[edge.anchor])
         local = self._key_nodes.local_grid(k)
         if local.begin <= edge.node < local.begin + len(local.poses):
-            return edge  # the grid holds the very scan, which would be matched with itself
+            return edge if weight >= DISTRUST_WEIGHT else None  # the grid holds the very scan: nothing to match
         points = graph.points.of(edge.node)
         anchor = local.poses[edge.anchor - local.begin]
         old, guess = se2.compose(anchor, edge.T_anchor_node), se2.compose(anchor, step)
