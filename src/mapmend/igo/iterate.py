@@ -41,10 +41,22 @@ def iterate(graph: ScanGraph, progress: Progress = no_progress) -> Iteration:
             break
         result = optimize_graph(graph)
         chi2.append(result.cost_final)
-        if abs(chi2[-1] - chi2[-2]) < settings.settled_share * max(chi2[-2], float(len(graph))):
+        if _has_settled(graph, chi2[-2], chi2[-1]):
             break
     graph.key_nodes.forget_grids()
     return Iteration(rounds, chi2)
+
+
+def _has_settled(graph: ScanGraph, before: float, now: float) -> bool:
+    """Whether chi2 changes so little that no edge is left to move.
+
+    Where information is right, chi2 is about the number of nodes, and less than a share of that is settled. Another
+    system's information has any scale: there, chi2 must go on falling by that share of itself.
+    """
+    share = graph.config.igo.settled_share
+    if graph.keeps_information:
+        return before - now < share * before
+    return abs(now - before) < share * max(before, float(len(graph)))
 
 
 def told_by_round(progress: Progress, turn: int) -> Progress:
