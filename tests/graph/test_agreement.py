@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mapmend.geometry import se2
 from mapmend.graph import gnc
-from mapmend.graph.agreement import REACH_NODES, confirmed_loops
+from mapmend.graph.agreement import REACH_STEPS, confirmed_loops
 from mapmend.graph.optimizer import optimize
 from mapmend.graph.pose_graph import PoseGraph
 from mapmend.graph.robust import TRUE_EDGE_CHI2, kernel_of
@@ -51,7 +51,7 @@ def test_the_kernel_is_its_plain_twin(seed, noise):
     edges = np.where(turned[:, None], graph.edges[:, ::-1], graph.edges)
     graph = replace(graph, edges=edges, measurements=measurements, information=information)
     found = confirmed_loops(graph, graph.information, graph.is_loop)
-    np.testing.assert_array_equal(found, graph_agreement.confirmed(graph, REACH_NODES, TRUE_EDGE_CHI2))
+    np.testing.assert_array_equal(found, graph_agreement.confirmed(graph, REACH_STEPS, TRUE_EDGE_CHI2))
 
 
 def test_true_loops_confirm_each_other_and_random_false_ones_do_not():

@@ -56,16 +56,23 @@ def disagreement(graph: PoseGraph, p: int, q: int) -> float:
     return float(error @ np.linalg.solve(covariance + covariances[1], error))
 
 
-def confirmed(graph: PoseGraph, reach: int, bound: float) -> NDArray[np.bool_]:
+def confirmed(graph: PoseGraph, reach_steps: float, bound: float) -> NDArray[np.bool_]:
     """Which loops agree with another one nearby, shape (m,)."""
     found = np.zeros(len(graph.edges), dtype=np.bool_)
     loops = np.flatnonzero(graph.is_loop)
     ends = np.sort(graph.edges, axis=1)
+    steps_m = [float(np.hypot(*along(graph, k, k + 1)[0][:2])) for k in range(len(graph) - 1)]
+    path_m = np.concatenate(([0.0], np.cumsum(steps_m)))
+    reach_m = reach_steps * float(np.median([step for step in steps_m if step > 0.0]))
     for a, p in enumerate(loops):
         for q in loops[a + 1 :]:
-            apart = np.abs(ends[p] - ends[q])
+            apart = np.abs(path_m[ends[p]] - path_m[ends[q]])
             # The one whose first node comes first foretells the other.
             one, other = (p, q) if ends[p].tolist() <= ends[q].tolist() else (q, p)
-            if apart.any() and apart.max() <= reach and disagreement(graph, one, other) <= bound:
+            if (
+                ends[p].tolist() != ends[q].tolist()
+                and apart.max() <= reach_m
+                and disagreement(graph, one, other) <= bound
+            ):
                 found[[p, q]] = True
     return found

@@ -54,14 +54,21 @@ def squared_length(error: Float, s: Float) -> float:
 
 @kernel
 def confirmed(
-    chain: Float, spread: Float, ends: Int, measured: Float, covariances: Float, reach: int, bound: float
+    chain: Float,
+    path_m: Float,
+    spread: Float,
+    ends: Int,
+    measured: Float,
+    covariances: Float,
+    reach_m: float,
+    bound: float,
 ) -> Bool:
-    """Which loops agree with another one whose ends are at most ``reach`` nodes from theirs, shape (k,).
+    """Which loops agree with another one whose ends are at most ``reach_m`` along the chain from theirs, shape (k,).
 
-    ``chain``: the poses along the chain, shape (n, 3); ``spread``: the covariance of its steps in the frame of the map,
-    summed up to each node, shape (n, 3, 3). ``ends``: shape (k, 2), sorted by the first, which is the earlier node;
-    ``measured``, ``covariances``: the pose of the second in the frame of the first, and its covariance in its own
-    frame.
+    ``chain``: the poses along the chain, shape (n, 3), and ``path_m`` its length up to each, (n,). ``spread``: the
+    covariance of its steps in the frame of the map, summed up to each node, shape (n, 3, 3). ``ends``: shape (k, 2),
+    sorted by the first, which is the earlier node; ``measured``, ``covariances``: the pose of the second in the frame
+    of the first, and its covariance in its own frame.
 
     Loop p from i to j predicts loop q from k to m along the chain: ``T_k_i T_i_j T_j_m``. The difference to what q
     measures is weighed by the covariances of both loops and of the two pieces of the chain, all carried into the frame
@@ -73,9 +80,9 @@ def confirmed(
     for p in range(count):
         i, j = ends[p, 0], ends[p, 1]
         q = p + 1
-        while q < count and ends[q, 0] <= i + reach:
+        while q < count and path_m[ends[q, 0]] <= path_m[i] + reach_m:
             k, m = ends[q, 0], ends[q, 1]
-            if abs(m - j) <= reach and not (k == i and m == j) and not (found[p] and found[q]):
+            if abs(path_m[m] - path_m[j]) <= reach_m and not (k == i and m == j) and not (found[p] and found[q]):
                 # T_k_j, then the prediction of T_k_m and of m in the frame of q's measurement.
                 x, y, angle = relative(chain[k], chain[i])
                 c, s = np.cos(angle), np.sin(angle)
