@@ -151,7 +151,7 @@ def _commands(results: Results) -> str:
 
 
 def _copy_pictures(folder: Path, images: Path) -> set[str]:
-    """The pictures that the run left, in a palette of 64 colours; their names on the page."""
+    """The pictures that the run left, in a palette of 256 colours (64 lose thin lines); their names."""
     from PIL import Image
 
     images.mkdir(exist_ok=True)
@@ -161,6 +161,6 @@ def _copy_pictures(folder: Path, images: Path) -> set[str]:
             with Image.open(folder / source) as picture:
                 small = picture.convert("RGB")
                 small.thumbnail((1600, 1600))
-                small.quantize(64).save(images / name, optimize=True)
+                small.quantize(256).save(images / name, optimize=True)
             shown.add(name)
     return shown | {name for name in PICTURES.values() if (images / name).is_file()}

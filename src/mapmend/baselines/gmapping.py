@@ -177,6 +177,8 @@ class ParticleFilter:
             update = self.updates[row]
             poses[row], covariances[row] = update.poses[p], update.covariances[p]
             p = int(update.parents[p])
+        # A match near half a turn may end beyond it; the poses of the scans are all within [-pi, pi).
+        poses[:, 2] = se2.wrap_angle(poses[:, 2])
         return poses, covariances
 
 
