@@ -28,7 +28,8 @@ class GrowingArray:
     def append(self, row: ArrayLike) -> None:
         """Adds one row."""
         n = len(self.rows)
-        self._reserve(n + 1)
+        if n == len(self._room):
+            self._reserve(n + 1)
         self._room[n] = row
         self.rows = self._room[: n + 1]
 

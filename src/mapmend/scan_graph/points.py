@@ -101,10 +101,11 @@ class ScanPoints:
 
     def _laser(self, laser: int) -> Laser:
         """What the kernel needs of a laser."""
-        for geometry in self._readings.geometries[len(self._lasers) :]:
-            self._lasers.append(_laser(geometry, self._config))
-            if geometry.beam_count > len(self._room):
-                self._room = np.zeros((geometry.beam_count, 5))
+        if laser >= len(self._lasers):
+            for geometry in self._readings.geometries[len(self._lasers) :]:
+                self._lasers.append(_laser(geometry, self._config))
+                if geometry.beam_count > len(self._room):
+                    self._room = np.zeros((geometry.beam_count, 5))
         return self._lasers[laser]
 
 
