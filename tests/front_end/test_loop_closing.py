@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from mapmend.config import Config, LoopConfig
+from mapmend.front_end import loop_closing
 from mapmend.front_end.loop_closing import Candidate, LoopSearch
+from mapmend.matching.correlative import search
 from mapmend.simulation import World, simulate
 from mapmend.simulation._shapes import closed_line
-from tests.front_end.logs import empty_log, mapped
+from tests.front_end.logs import drive, empty_log, mapped
 from tests.scan_graph.graphs import graph_of
 
 CONFIG = Config()
@@ -110,3 +112,16 @@ def test_no_scan_is_matched_as_a_loop_on_a_grid_that_holds_it():
     """T_l and the least separation of 10 m each, which `Config` refuses: loop edges that agree with themselves."""
     assert on_grids_that_hold_them(min_separation_m=10.0)
     assert not on_grids_that_hold_them(min_separation_m=15.0)
+
+
+def test_a_search_matches_the_newest_scan_and_not_one_that_a_grid_was_built_from(monkeypatch):
+    graph, searched = mapped(drive(1).log).graph, []
+
+    def spied(field, points, *others):
+        searched.append(points.copy())
+        return search(field, points, *others)
+
+    monkeypatch.setattr(loop_closing, "search", spied)
+    graph.key_nodes.forget_grids()
+    LoopSearch(graph)._searched(Candidate(0, 0), np.diag([1.0, 1.0, 0.1]))
+    np.testing.assert_array_equal(searched[0], graph.points.of(graph.chains.last))

@@ -181,13 +181,13 @@ class LoopSearch:
         self.attempts += 1
         predicted = self._predicted(candidate.key_node)
         region = self._region(predicted, covariance)
-        points = self._graph.points.of(last)
-        found = search(self._key_nodes.likelihood(candidate.key_node), points, region, loops.min_likelihood)
+        field, local = self._key_nodes.likelihood(candidate.key_node), self._key_nodes.local_grid(candidate.key_node)
+        stretch = self._recent_points()
+        points = self._graph.points.of(last)  # last: building the grid and the stretch projects other scans
+        found = search(field, points, region, loops.min_likelihood)
         if found is None:
             return None
-        local = self._key_nodes.local_grid(candidate.key_node)
         match = self._matcher.match(local.grid, points, found[0], prior_at(found[0], covariance))
-        stretch = self._recent_points()
         share = verify.verified_share(candidate.key_node, match, stretch)
         if match.score < loops.min_score or not share:
             return None
