@@ -45,6 +45,7 @@ PRIVATE_USERS = {
     "mapmend.grid._kernels": {
         "mapmend.matching._kernels",
         "mapmend.matching._surface_kernels",
+        "mapmend.matching._uncertainty_kernels",
         "mapmend.igo._kernels",
         "mapmend.baselines._filter_kernels",
         "mapmend.baselines._map_kernels",

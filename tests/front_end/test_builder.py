@@ -10,7 +10,7 @@ from mapmend.errors import MapmendError
 from mapmend.front_end.builder import FrontEnd
 from mapmend.geometry import se2
 from mapmend.lab.altered_logs import with_people
-from mapmend.matching.gauss_newton import Match
+from mapmend.matching.uncertainty import Uncertainty
 from mapmend.scan_graph.motion import odometry_covariance
 from mapmend.simulation import OdometryModel, SlipEvent, World, corridor_loop, simulate
 from mapmend.slam import build_map
@@ -207,14 +207,17 @@ def test_edges_carry_symmetric_positive_information():
     assert np.all(np.linalg.eigvalsh(0.5 * (information + np.swapaxes(information, -1, -2))) > 0.0)
 
 
-def edge_of(score, stiffness):
+def edge_of(score, stiffness, inserted=4):
     """Covariance and drift of an edge of 0.3 m between two matches alike, and the odometry's covariance."""
     front_end = FrontEnd(drive(BUILDING).log.scans.geometries, Config())
     front_end._motion_since_node = np.array([0.3, 0.0, 0.0])
-    match = Match(np.zeros(3), score, 100, np.diag(stiffness), 0.01)
-    front_end._covariance_at_node = match.covariance()
+    uncertainty = Uncertainty(
+        1.5e-4 * np.diag(1.0 / np.array(stiffness)), 4e-5 * np.diag(1.0 / np.array(stiffness)), 1e-4, 0.03
+    )
+    front_end._covariance_at_node = uncertainty.covariance
+    front_end._inserted_since_node = inserted
     odometry = odometry_covariance(front_end._motion_since_node, front_end.config.motion)
-    return (*front_end._edge_covariance(match), odometry)
+    return (*front_end._edge_covariance(uncertainty, score), odometry)
 
 
 def test_below_the_least_score_an_edge_takes_on_the_odometrys_covariance():
@@ -236,6 +239,17 @@ def test_what_matches_tell_cancels_along_the_trajectory_and_what_odometry_tells_
         assert covariance[axis, axis] < 0.05 * odometry[axis, axis]
         assert drift[axis, axis] < 0.15 * covariance[axis, axis]
     assert np.all(np.linalg.eigvalsh(covariance - drift) > -1e-12)
+
+
+def test_the_more_scans_of_a_node_the_grid_takes_over_the_more_adds_up():
+    stiffness = (50.0, 60.0, 400.0)
+    covariance, _, odometry = edge_of(1.0, stiffness, 0)
+    matches = 2.0 * 1.9e-4 / np.array(stiffness)  # about: the second match is carried over 0.3 m
+    for inserted in (0, 1, 5, 1000):
+        same, drift, _ = edge_of(1.0, stiffness, inserted)
+        np.testing.assert_allclose(same, covariance)
+        share = 0.5 * (1.0 - (1.0 - 0.03) ** inserted)
+        assert drift[0, 0] / covariance[0, 0] == pytest.approx(share + matches[0] / odometry[0, 0], abs=0.01)
 
 
 def fed(log, config=None):

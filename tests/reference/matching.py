@@ -120,3 +120,75 @@ def all_scores(finest, points, search):
                 tie += ((theta - search["prior_theta"]) / search["tie_turn"]) ** 2
                 scores[dx, dy, float(theta)] = mean - search["tie_weight"] * min(tie, 1.0)
     return scores
+
+
+def surfaces(contents, points, pose, settings):
+    """The surfaces of a scan: a list each of (row of the point, place, normal, rows (distance, weight, Jacobian)).
+
+    ``settings`` = (cell size, reach, half-weight distance). A post makes two surfaces, one for each axis.
+    """
+    size, reach, half = settings
+    there, found, last = moved(pose, points), [], None
+    for k, surface in associations(contents, points, pose, size, reach):
+        place, away = there[k, :2], there[k, :2] - surface[:2]
+        lever = np.array([-(place[1] - pose[1]), place[0] - pose[0]])
+        normal = np.array(surface[2:4])
+        if normal @ normal <= COHERENT:
+            if points[k, 4]:
+                weight = CLUTTER_WEIGHT / (1.0 + away @ away / half**2)
+                found += [[(k, place, None, away[i], weight, np.array([*np.eye(2)[i], lever[i]]))] for i in (0, 1)]
+                last = None
+            continue
+        normal /= np.linalg.norm(normal)
+        e = normal @ away
+        row = (k, place, normal, e, 1.0 / (1.0 + e**2 / half**2), np.array([*normal, normal @ lever]))
+        continues = (
+            last is not None
+            and np.linalg.norm(place - last[-1][1]) <= 0.3
+            and np.linalg.norm(place - last[0][1]) <= 1.0
+            and normal @ last[-1][2] >= 0.85
+        )
+        if not continues:
+            last = []
+            found.append(last)
+        last.append(row)
+    return found
+
+
+def surface_sums(found, cell_size_m):
+    """What `sum_surfaces` writes, from `surfaces`, in its order."""
+    rows = [row for surface in found for row in surface]
+    normal, shared = np.zeros((3, 3)), np.zeros((3, 3))
+    for *_, w, J in rows:
+        normal += w * np.outer(J, J)
+    within = freedom = between = expected = returns = count = 0.0
+    for surface in found:
+        e, w = np.array([row[3] for row in surface]), np.array([row[4] for row in surface])
+        J = sum(row[4] * row[5] for row in surface)
+        shared += np.outer(J, J)
+        mean = np.average(e, weights=w)
+        within += np.sum(w * (e - mean) ** 2)
+        freedom += w.sum() - np.sum(w**2) / w.sum()
+        between += w.sum() * mean**2
+        expected += np.sum(w**2) / w.sum()
+        if len(surface) > 1:
+            spacing = max(np.linalg.norm(surface[-1][1] - surface[0][1]), cell_size_m) / (len(surface) - 1)
+            returns, count = returns + len(surface) * cell_size_m / spacing, count + len(surface)
+    upper = np.triu_indices(3)
+    weight = sum(row[4] for row in rows)
+    return np.array(
+        [*normal[upper], *shared[upper], within, freedom, between, expected, weight, len(found), returns, count]
+    )
+
+
+def deviations(found):
+    """How far points on flat surfaces lie off the middle of the points beside them, if all three normals are alike."""
+    flat = sorted((row for surface in found for row in surface if row[2] is not None), key=lambda row: row[0])
+    triples = zip(flat, flat[1:], flat[2:], strict=False)
+    return np.array(
+        [
+            abs(n1 @ (p1 - 0.5 * (p0 + p2)))
+            for (k0, p0, n0, *_), (k1, p1, n1, *_), (k2, p2, n2, *_) in triples
+            if k2 - k0 == 2 and n0 @ n1 > 0.85 and n2 @ n1 > 0.85
+        ]
+    )

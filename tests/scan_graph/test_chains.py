@@ -106,6 +106,12 @@ def test_along_a_corridor_stretch_edges_tell_what_the_walls_do_and_nothing_of_th
         assert np.all(np.linalg.eigvalsh(edge.information) > 0.0)
 
 
+def test_without_the_match_of_the_last_node_half_of_what_cancels_is_left():
+    chains = straight(9, np.diag([4e-4, 1e-4, 1e-5]), np.diag([1e-4, 2e-5, 2e-6])).chains
+    whole, of_the_map = chains.covariance_between(0, 8), chains.covariance_between(0, 8, of_last=False)
+    np.testing.assert_allclose(whole - of_the_map, 0.5 * np.diag([3e-4, 8e-5, 8e-6]), atol=1e-12)
+
+
 def test_a_node_is_certain_of_itself():
     chains = wander(1)[0].chains
     assert np.all(chains.covariance_between(4, 4) == 0.0)

@@ -16,6 +16,7 @@ from mapmend.front_end.tracking import Tracker
 from mapmend.geometry import se2
 from mapmend.graph.optimizer import optimize
 from mapmend.matching.gauss_newton import Match
+from mapmend.matching.uncertainty import Uncertainty
 from mapmend.parallel import Progress, no_progress
 from mapmend.scan import LaserGeometry, ScanLog, checked_ranges
 from mapmend.scan_graph.chains import OdometryEdge
@@ -49,6 +50,7 @@ class FrontEnd:
         self._inserted_at = np.full(3, np.inf)
         self._motion_since_node = np.zeros(3)
         self._covariance_at_node = np.zeros((3, 3))
+        self._inserted_since_node = 0
         self._strained = False
         self._optimized_at_m = 0.0
         self.optimizations = 0
@@ -135,19 +137,21 @@ class FrontEnd:
         edge = None
         if match is not None:
             motion = se2.between(self.graph.chains.poses[-1], pose)
-            edge = OdometryEdge(motion, *self._edge_covariance(match))
-        self._motion_since_node = np.zeros(3)
+            points = self.graph.points.project(ranges_m, laser)
+            uncertainty = self.graph.matcher.uncertainty(self._global.grid, points, match)
+            edge = OdometryEdge(motion, *self._edge_covariance(uncertainty, match.score))
+        self._motion_since_node, self._inserted_since_node = np.zeros(3), 0
         if self.graph.add_node(ranges_m, laser, pose, edge):
             self._global.refresh()
 
-    def _edge_covariance(self, match: Match) -> tuple[Float, Float]:
+    def _edge_covariance(self, newest: Uncertainty, score: float) -> tuple[Float, Float]:
         """IGO (2) of the edge to the newest match, and its drift. Both ends were matched, with independent noise."""
         odometry = odometry_covariance(self._motion_since_node, self.config.motion)
-        observed = match.covariance()
         carry = se2.adjoint(se2.inverse(self._motion_since_node))
-        both = observed + carry @ self._covariance_at_node @ carry.T
-        self._covariance_at_node = observed
-        return edge_covariance(both, odometry, match.score, self.config.match.min_score)
+        both = newest.covariance + carry @ self._covariance_at_node @ carry.T
+        self._covariance_at_node = newest.covariance
+        renewed = newest.renewed_by(self._inserted_since_node)
+        return edge_covariance(both, renewed, odometry, score, self.config.match.min_score)
 
     def _insert(self, ranges_m: Float32, laser: int, pose: Float) -> None:
         """Puts a scan into the global grid unless the last one was inserted at nearly the same pose (3,)."""
@@ -159,6 +163,7 @@ class FrontEnd:
         points = self.graph.points
         self._global.grid.insert(points.project(ranges_m, laser), points.origin_of(laser), pose)
         self._inserted_at = pose
+        self._inserted_since_node += 1
 
     def _close_loops(self) -> None:
         """Searches loops of the newest node; optimizes if a new key-node was linked or if edges are strained."""

@@ -86,7 +86,7 @@ class LoopSearch:
         match = self._matcher.match(self._key_nodes.local_grid(candidate.key_node).grid, points, predicted, prior)
         if not self._verify.verified_share(candidate.key_node, match, points):
             return []
-        return self._confirmed(self._verify.edge(candidate.nearest, match, chains.last))
+        return self._confirmed(self._verify.edge(candidate.nearest, match, points, chains.last))
 
     def _oldest_m(self) -> float:
         """The path length up to which places were left long enough ago to form a loop."""
@@ -160,7 +160,7 @@ class LoopSearch:
         agrees = self._verify.agrees(self._verify.agreement(local.grid, points, match.pose))
         if match.score >= loops.min_score and agrees and moved < 1.5:
             is_observed = self._verify.is_observed(match)
-            return self._verify.edge(candidate.nearest, match, self._chains.last) if is_observed else None
+            return self._verify.edge(candidate.nearest, match, points, self._chains.last) if is_observed else None
         return None if agrees and moved < 1.5 else self._searched(candidate, covariance)
 
     def _match_uncertain(self, candidate: Candidate) -> LoopEdge | None:
@@ -198,7 +198,7 @@ class LoopSearch:
             match = near
         # The next node may search again at once, because it may confirm this loop.
         del self._tried_at_m[pair]
-        return verify.edge(candidate.nearest, match, last)
+        return verify.edge(candidate.nearest, match, points, last)
 
     def _predicted(self, key_node: int) -> Float:
         """The current pose of the newest node in the frame of a key-node's local grid."""

@@ -11,6 +11,9 @@ from mapmend.grid._kernels import TILE_CELLS, Clearing, Room, Tiles
 
 Float = NDArray[np.float64]
 
+# How many returns the mean of a cell remembers.
+MEAN_MEMORY = _kernels.MEAN_MEMORY
+
 FIRST_TILES = 64
 # Every third beam clears: a share of the beams, not an angle, since each beam that returns counts for its surface. With
 # an angle (12 of 1,441 beams instead of 3), the grid forgets too slowly (docs/decisions/058).

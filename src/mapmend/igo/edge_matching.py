@@ -72,14 +72,14 @@ class EdgeMatcher:
         return best
 
     def observed(
-        self, grid: SurfaceGrid, points: Float, match: Match, poses: PossiblePoses
+        self, grid: SurfaceGrid, points: Float, match: Match, point_variance: float, poses: PossiblePoses
     ) -> tuple[Float, Float, Float]:
         """The motion (3,) that a match measures, its information (3, 3), and the axis (2,) that it leaves open.
 
         Along an open axis the motion is the odometry's. If the scan then fits worse, the axis was not open and the
         match is kept; the axis returned is then zero.
         """
-        information, axis = self._observer.information(grid, points, match)
+        information, axis = self._observer.information(grid, points, match, point_variance)
         found = se2.between(poses.behind, match.pose)
         if not axis.any():
             return found, information, axis

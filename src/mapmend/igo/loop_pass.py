@@ -94,7 +94,7 @@ class LoopPass:
             return edge
         if graph.keeps_information:
             return replace(edge, T_anchor_node=measured)
-        return self._verify.edge(edge.anchor, match, edge.node)
+        return self._verify.edge(edge.anchor, match, points, edge.node)
 
     def _is_verified(self, k: int, points: Float, match: Match) -> bool:
         """Whether a match on the grid of key-node k has the score, agreement and constraints that the loop search

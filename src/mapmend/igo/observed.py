@@ -30,6 +30,7 @@ class MatchedEdges:
     ``motions`` (n, 3): in the frame of node j - 1. ``information`` (n, 3, 3): of the match alone, in the frame of node
     j, nothing along axes that it leaves open. ``covariances`` (n, 3, 3): IGO's Sigma_obs. ``open_axes`` (n, 2): the
     direction along which nothing constrains the match, in the frame of node j, zero if there is none. ``scores`` (n,).
+    ``renewed`` (n,): the share of what the grid remembers that one more scan replaces.
     """
 
     motions: Float
@@ -37,10 +38,12 @@ class MatchedEdges:
     covariances: Float
     open_axes: Float
     scores: Float
+    renewed: Float
 
     @classmethod
     def of_nothing(cls, n: int) -> MatchedEdges:
-        return cls(np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 2)), np.zeros(n))
+        squares = np.zeros((2, n, 3, 3))
+        return cls(np.zeros((n, 3)), squares[0], squares[1], np.zeros((n, 2)), np.zeros(n), np.zeros(n))
 
     @property
     def is_open(self) -> Bool:
@@ -54,7 +57,7 @@ class Observer:
     def __init__(self, config: Config) -> None:
         self._reach_m, self._half_weight_m = float(config.match.reach_m), float(config.match.half_weight_m)
 
-    def information(self, grid: SurfaceGrid, points: Float, match: Match) -> tuple[Float, Float]:
+    def information(self, grid: SurfaceGrid, points: Float, match: Match, point_variance: float) -> tuple[Float, Float]:
         """The information of a match in its own frame (3, 3), and the axis (2,) that it leaves open, zero if there is
         none.
 
@@ -72,7 +75,7 @@ class Observer:
         normal = turn.T @ match.normal_matrix @ turn
         is_open = shared <= max(BEYOND_NOISE * noise, FEWEST_SHARED)
         share = 0.0 if is_open else min(shared / max(float(values[0]), 1e-12), 1.0)
-        return cut_down(normal, axis, share) / match.variance(), axis if is_open else np.zeros(2)
+        return cut_down(normal, axis, share) / point_variance, axis if is_open else np.zeros(2)
 
 
 def cut_down(normal: Float, axis: Float, share: float) -> Float:

@@ -94,9 +94,11 @@ class OdometryPass:
         predicted, old, guess = (se2.compose(behind, one) for one in (motion, graph.chains.edges[j], step))
         poses = PossiblePoses(behind, motion, odometry_std(motion, graph.config.motion), predicted, old, guess)
         match = self._matcher.best(grid, points, poses)
-        found, information, axis = self._matcher.observed(grid, points, match, poses)
+        uncertainty = graph.matcher.uncertainty(grid, points, match)
+        found, information, axis = self._matcher.observed(grid, points, match, uncertainty.point_variance, poses)
         matched.motions[j], matched.information[j], matched.open_axes[j] = found, information, axis
-        matched.covariances[j], matched.scores[j] = match.covariance(), match.score
+        matched.covariances[j], matched.renewed[j] = uncertainty.covariance, uncertainty.renewed
+        matched.scores[j] = match.score
         if not graph.config.motion.use_odometry and self._steady.may_be_biased(j):
             return self._steady.step(j), True, False
         differs = self._acceptance.differs(j, found)

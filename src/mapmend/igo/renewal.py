@@ -9,7 +9,7 @@ from mapmend.igo.guesses import is_same
 from mapmend.igo.observed import Bool, Float, Int, MatchedEdges
 from mapmend.igo.steady_stretches import SteadyStretches
 from mapmend.igo.wheels import Slips, is_slip
-from mapmend.matching.gauss_newton import UNSEEN_STD_M
+from mapmend.matching.uncertainty import UNSEEN_STD_M
 from mapmend.scan_graph.chains import OdometryEdge
 from mapmend.scan_graph.edge_covariance import edge_covariance
 from mapmend.scan_graph.motion import odometry_covariance
@@ -81,7 +81,10 @@ class Renewal:
             both = opened(both, matched.open_axes[j])
         if self._graph.keeps_information:
             return OdometryEdge(motion, self._chains.covariances[j].copy(), self._chains.drifts[j].copy())
-        return OdometryEdge(motion, *edge_covariance(both, odometry, matched.scores[j], self._config.match.min_score))
+        return OdometryEdge(
+            motion,
+            *edge_covariance(both, matched.renewed[j], odometry, matched.scores[j], self._config.match.min_score),
+        )
 
 
 def opened(covariance: Float, axis: Float) -> Float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,16 +11,9 @@ from mapmend.config import MatchConfig
 from mapmend.geometry import se2
 from mapmend.grid.surface import SurfaceGrid
 from mapmend.matching import _kernels
+from mapmend.matching.uncertainty import Uncertainty, match_uncertainty
 
 Float = NDArray[np.float64]
-
-# No laser of this kind is better than half a centimetre, even if a few beams agree better by chance.
-LEAST_RESIDUAL_M = 0.005
-UNSEEN_STD_M = 10.0
-# Beams that end in one cell share that cell's error, and neighbouring cells were seen by the same scans: the residuals
-# are not independent. Their number counts as little more than half, as measured against the truth
-# (benchmarks/covariances.py).
-SHARED_ERRORS = 1.87
 
 NO_PRIOR = np.zeros((4, 3))
 
@@ -31,30 +23,14 @@ class Match:
     """The result of a match: ``pose`` (3,), the share of the points that found a counterpart, and the normal matrix.
 
     ``normal_matrix`` (3, 3): of the squared distances along the surfaces' normals, in the axes of the grid.
-    ``residual_std_m``: of those distances. ``converged``: whether the last step was short enough to stop.
+    ``converged``: whether the last step was short enough to stop.
     """
 
     pose: Float
     score: float
     matched: int
     normal_matrix: Float
-    residual_std_m: float
     converged: bool = True
-
-    def variance(self) -> float:
-        """Of a point's distance to its surface, with what cells share: the normal matrix over it is information."""
-        return SHARED_ERRORS * max(self.residual_std_m, LEAST_RESIDUAL_M) ** 2
-
-    def covariance(self) -> Float:
-        """Sigma_obs of the pose on the grid, in the pose's own frame, shape (3, 3): Hessian method of IGO's [2].
-
-        The residual variance over the normal matrix. In directions without information, the standard deviation is
-        ``UNSEEN_STD_M``.
-        """
-        cos, sin = math.cos(self.pose[2]), math.sin(self.pose[2])
-        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        information = turn.T @ self.normal_matrix @ turn / self.variance() + np.eye(3) / UNSEEN_STD_M**2
-        return se2.invert_symmetric(information)
 
 
 class SurfaceMatcher:
@@ -72,9 +48,12 @@ class SurfaceMatcher:
             score=found.matched / len(points) if len(points) else 0.0,
             matched=found.matched,
             normal_matrix=found.normal_matrix,
-            residual_std_m=math.sqrt(found.squares / max(found.weights, 1.0)),
             converged=bool(found.converged),
         )
+
+    def uncertainty(self, grid: SurfaceGrid, points: Float, match: Match) -> Uncertainty:
+        """How certain the ``match`` of ``points`` (n, 5) on ``grid`` is."""
+        return match_uncertainty(grid, points, match.pose, self.config)
 
     def judge(self, grid: SurfaceGrid, points: Float, pose: Float) -> tuple[int, int, int]:
         """How many of ``points`` (n, 5) at ``pose`` the grid confirms, contradicts, and has not seen."""

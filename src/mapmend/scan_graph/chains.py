@@ -143,11 +143,12 @@ class Chains:
         after = int(np.searchsorted(path[begin:end], path[node] + after_m, side="right"))
         return begin + first, begin + after
 
-    def covariance_between(self, first: int, last: int) -> Float:
+    def covariance_between(self, first: int, last: int, of_last: bool = True) -> Float:
         """The covariance of ``T_first_last`` along the odometry edges, in the frame of ``last``: IGO eq. (6).
 
-        The drift of every edge, and the rest of the first and the last, half of which is that of each end. Raises
-        MapmendError if a chain begins between the two, since then there is no odometry between them.
+        The drift of every edge, and the rest of the first and the last, half of which is that of each end. With
+        ``of_last`` false, without the part of the last node's own match: the covariance of the map there, which many
+        nodes drew. Raises MapmendError if a chain begins between the two, since then there is no odometry between them.
         """
         if last <= first:
             return np.zeros((3, 3))
@@ -157,7 +158,8 @@ class Chains:
         own = self.covariances[rows[[0, -1]]] - self.drifts[rows[[0, -1]]]
         carry = self._carry(rows, last)
         drift = _carried(carry, self.drifts[rows]).sum(axis=0)
-        return np.asarray(drift + 0.5 * (_carried(carry[0], own[0]) + own[1]))
+        ends = _carried(carry[0], own[0]) + own[1] if of_last else _carried(carry[0], own[0])
+        return np.asarray(drift + 0.5 * ends)
 
     def replace(self, edges: dict[int, OdometryEdge]) -> None:
         """New odometry edges, by the node that each ends at.

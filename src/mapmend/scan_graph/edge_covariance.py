@@ -9,22 +9,21 @@ from mapmend.geometry import se2
 
 Float = NDArray[np.float64]
 
-# How much of an edge's covariance is the grid's own error, which grows from node to node and does not cancel: as
-# measured against the truth (benchmarks/covariances.py).
-GRID_DRIFT = 0.06
 
-
-def edge_covariance(both_matches: Float, odometry: Float, score: float, min_score: float) -> tuple[Float, Float]:
+def edge_covariance(
+    both_matches: Float, renewed: float, odometry: Float, score: float, min_score: float
+) -> tuple[Float, Float]:
     """IGO (2), and its drift: Sigma_obs where the score is good, more and more of Sigma_odo where it is not.
 
     ``both_matches`` (3, 3): of the two matches that the edge lies between, each with its own noise. The odometry was
     the prior of every match: Sigma_obs is that of both together, and along a corridor, where the beams observe nothing,
-    the odometry's. The odometry's part adds up along the trajectory; of the matches' part, only the grid's own share
-    does.
+    the odometry's. The odometry's part adds up along the trajectory. Of the matches' part adds up what the grid takes
+    over: the scans of one node replace a share ``renewed`` of what the grid remembers, and move it by as much of the
+    error of one of the two matches.
     """
     told_by_matches = se2.invert_symmetric(both_matches)
     edge = se2.invert_symmetric(told_by_matches + se2.invert_symmetric(odometry))
-    drift = edge - (1.0 - GRID_DRIFT) * (edge @ told_by_matches @ edge)
+    drift = edge - (1.0 - 0.5 * renewed) * (edge @ told_by_matches @ edge)
     if score < min_score:
         edge = edge + (min_score - score) / min_score * odometry
         drift = drift + (min_score - score) / min_score * odometry

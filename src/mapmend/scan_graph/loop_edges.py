@@ -88,25 +88,26 @@ class LoopEdges:
             return 0.0
         return agreement.share if self.is_observed(match) else 0.0
 
-    def edge(self, anchor: int, match: Match, node: int) -> LoopEdge:
-        """The edge from ``anchor``, a node of the key-node on whose grid ``node`` was matched.
+    def edge(self, anchor: int, match: Match, points: Float, node: int) -> LoopEdge:
+        """The edge from ``anchor``, a node of the key-node on whose grid ``points`` (n, 5) of ``node`` were matched.
 
         The nearest node of the key-node makes the best anchor: the lever is short, and the bend of the grid small.
         """
         local = self._key_nodes.local_grid(int(self._key_nodes.of_node[anchor]))
         measured = se2.between(local.poses[anchor - local.begin], match.pose)
-        covariance = match.covariance() + self._bend(anchor, measured)
+        covariance = self._matcher.uncertainty(local.grid, points, match).covariance + self._bend(anchor, measured)
         return LoopEdge(anchor, node, measured, se2.invert_symmetric(covariance))
 
     def _bend(self, anchor: int, T_anchor_node: Float) -> Float:
         """The uncertainty of the local grid itself, in the frame of the matched node, shape (3, 3).
 
         It was built from nodes along the trajectory: relative to one of them, a wall is as uncertain as the path to the
-        node that saw it, which is on average half as long as the key-node.
+        node that saw it, which is on average half as long as the key-node. The noise of that node's own match does not
+        count: the grid is the mean of what many nodes saw.
         """
         chains = self._chains
         _, after = chains.within(anchor, 0.0, 0.5 * self._config.key_nodes.trajectory_length_m)
         end = min(after, chains.chain_of(anchor)[1] - 1)
-        chain = chains.covariance_between(anchor, end)
+        chain = chains.covariance_between(anchor, end, of_last=False)
         carry = se2.adjoint(se2.between(T_anchor_node, se2.between(*chains.poses[[anchor, end]])))
         return np.asarray(carry @ chain @ carry.T)

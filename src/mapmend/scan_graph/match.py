@@ -76,8 +76,9 @@ def match(
     pose = _finite(start, "start", (3,))
     prior = NO_PRIOR if start_covariance is None else prior_at(pose, _covariance(start_covariance))
     points = _points(scans_of(np.asarray(ranges_m)[None], geometry), config)
-    found = SurfaceMatcher(config.match).match(grid, points, pose, prior)
-    return ScanMatch(found.pose, found.covariance(), found.score, found.converged)
+    matcher = SurfaceMatcher(config.match)
+    found = matcher.match(grid, points, pose, prior)
+    return ScanMatch(found.pose, matcher.uncertainty(grid, points, found).covariance, found.score, found.converged)
 
 
 def _points(scan: Scans, config: Config) -> Float:
