@@ -9,6 +9,7 @@ import mapmend
 from mapmend.config import Config
 from mapmend.errors import MapmendError
 from mapmend.evaluation.relations import relation_errors
+from mapmend.evaluation.trajectory import trajectory_errors
 from mapmend.geometry import se2
 from mapmend.graph.optimizer import edge_chi2, optimize
 from mapmend.io.reader import read
@@ -41,8 +42,7 @@ def biased(graph):
 
 
 def errors_m(graph, truth):
-    off = se2.between(se2.between(truth[0], truth), se2.between(graph.poses[0], graph.poses))
-    return float(np.sqrt((off[:, :2] ** 2).sum(axis=1).mean()))
+    return trajectory_errors(graph.stamps_s, graph.poses, graph.stamps_s, truth).translation_rmse_m
 
 
 def measured(graph, i, j):

@@ -51,7 +51,7 @@ class Acceptance:
         if not is_good or not self._is_beyond_scatter(j):
             return False
         nearer = np.hypot(*(match.pose - guess)[:2]) < 0.5 * np.hypot(*(old - guess)[:2])
-        return bool(gain > TIE * noise or (gain >= -TIE * noise and nearer))
+        return bool(gain >= -TIE * noise and nearer)
 
     def _is_beyond_scatter(self, j: int) -> bool:
         """Whether the re-match of edge j differs more than usual in this log, near here.
