@@ -32,7 +32,7 @@ KINDS = ("map", "check", "tune", "optimize")
 NOT_RESULTS = {
     "seconds",
     "version",
-    "config",
+    "configuration",
     "settings",
     "source",
     "log",
