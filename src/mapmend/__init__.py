@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from mapmend.evaluation.relations import relation_errors as relation_errors
     from mapmend.evaluation.trajectory import relative_errors as relative_errors
     from mapmend.evaluation.trajectory import trajectory_errors as trajectory_errors
+    from mapmend.front_end.builder import FrontEnd as FrontEnd
     from mapmend.graph.best_start import StartedResult as StartedResult
     from mapmend.graph.best_start import optimize_from as optimize_from
     from mapmend.graph.marginals import marginals as marginals
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from mapmend.scan_graph.match import ScanMatch as ScanMatch
     from mapmend.scan_graph.match import grid_of as grid_of
     from mapmend.scan_graph.match import match as match
+    from mapmend.scan_graph.scan_graph import ScanGraph as ScanGraph
     from mapmend.simulation import LaserModel as LaserModel
     from mapmend.simulation import OdometryModel as OdometryModel
     from mapmend.simulation import Simulation as Simulation
@@ -83,6 +85,7 @@ _HOMES = {
     "CheckResult": "mapmend.consistency.check",
     "Config": "mapmend.config",
     "DynamicCovarianceScaling": "mapmend.graph.robust",
+    "FrontEnd": "mapmend.front_end.builder",
     "GemanMcClure": "mapmend.graph.robust",
     "GraduatedNonConvexity": "mapmend.graph.robust",
     "Huber": "mapmend.graph.robust",
@@ -99,6 +102,7 @@ _HOMES = {
     "OptimizationResult": "mapmend.graph.optimizer",
     "OutputError": "mapmend.errors",
     "PoseGraph": "mapmend.graph.pose_graph",
+    "ScanGraph": "mapmend.scan_graph.scan_graph",
     "ScanLog": "mapmend.scan",
     "ScanMatch": "mapmend.scan_graph.match",
     "RebuildResult": "mapmend.slam",
@@ -144,6 +148,7 @@ __all__ = [
     "CheckResult",
     "Config",
     "DynamicCovarianceScaling",
+    "FrontEnd",
     "GemanMcClure",
     "GraduatedNonConvexity",
     "Huber",
@@ -161,6 +166,7 @@ __all__ = [
     "OutputError",
     "PoseGraph",
     "RebuildResult",
+    "ScanGraph",
     "ScanLog",
     "ScanMatch",
     "Scans",
