@@ -167,13 +167,14 @@ def test_along_a_bare_corridor_the_walls_keep_the_robot_straight():
 def test_a_scan_at_nearly_the_same_heading_is_not_inserted_again():
     """Whichever way round the angles are counted."""
     log = drive(BUILDING).log
-    front_end, ranges = FrontEnd(log.scans.geometries, Config()), log.scans.ranges_of(0)
-    front_end._insert(ranges, 0, np.array([0.0, 0.0, np.pi - 0.01]))
+    front_end = FrontEnd(log.scans.geometries, Config())
+    points = front_end.graph.points.project(log.scans.ranges_of(0), 0)
+    front_end._insert(points, 0, np.array([0.0, 0.0, np.pi - 0.01]))
     before = Contents(front_end._global.grid)
     for heading in (0.01 - np.pi, np.pi + 0.01, 3.0 * np.pi, -np.pi):
-        front_end._insert(ranges, 0, np.array([0.0, 0.0, heading]))
+        front_end._insert(points, 0, np.array([0.0, 0.0, heading]))
         assert Contents(front_end._global.grid) == before
-    front_end._insert(ranges, 0, np.array([0.0, 0.0, 0.1 - np.pi]))
+    front_end._insert(points, 0, np.array([0.0, 0.0, 0.1 - np.pi]))
     assert Contents(front_end._global.grid) != before
 
 

@@ -98,7 +98,7 @@ class FrontEnd:
         if len(graph.hung) == 0:
             self._open_node(ranges_m, laser, self._pose, None)
             graph.hung.hang(stamp_s, odometry, 0, np.zeros(3))
-            self._insert(ranges_m, laser, self._pose)
+            self._insert(graph.points.project(ranges_m, laser), laser, self._pose)
             return
         motion = self._reported_motion(odometry)
         self._motion_since_node = se2.compose(self._motion_since_node, motion)
@@ -114,8 +114,9 @@ class FrontEnd:
             graph.hung.hang(stamp_s, odometry, node + 1, se2.between(pose, pose))
             self._close_loops()
             pose = graph.chains.poses[-1].copy()
+            points = graph.points.project(ranges_m, laser)  # the loop search projected other scans in their place
         self._pose = pose
-        self._insert(ranges_m, laser, pose)
+        self._insert(points, laser, pose)
 
     def _reported_motion(self, odometry: Float) -> Float:
         """The odometry's step to a scan; without odometry, the previous step again."""
@@ -153,15 +154,14 @@ class FrontEnd:
         renewed = newest.renewed_by(self._inserted_since_node)
         return edge_covariance(both, renewed, odometry, score, self.config.match.min_score)
 
-    def _insert(self, ranges_m: Float32, laser: int, pose: Float) -> None:
+    def _insert(self, points: Float, laser: int, pose: Float) -> None:
         """Puts a scan into the global grid unless the last one was inserted at nearly the same pose (3,)."""
         grid = self.config.grid
         step = pose - self._inserted_at
         near = math.hypot(step[0], step[1]) < grid.insert_every_m
         if near and abs(math.remainder(step[2], math.tau)) < grid.insert_every_rad:
             return
-        points = self.graph.points
-        self._global.grid.insert(points.project(ranges_m, laser), points.origin_of(laser), pose)
+        self._global.grid.insert(points, self.graph.points.origin_of(laser), pose)
         self._inserted_at = pose
         self._inserted_since_node += 1
 

@@ -139,7 +139,8 @@ class LoopSearch:
         nearest = np.minimum.reduceat(distance, starts)
         length = self._config.key_nodes.trajectory_length_m
         drift = np.minimum(3.0 * loops.drift_per_m * (path[-1] - path[starts]), MOST_DRIFT * length)
-        drift[[k for k in known if k < len(starts)]] = 0.0
+        count = len(starts)
+        drift[[k for k in known if k < count]] = 0.0
         reach = length + drift
         found = []
         for k in np.nonzero(nearest < reach)[0]:
