@@ -300,3 +300,11 @@ def test_a_wrong_scan_is_refused_and_changes_nothing():
         with pytest.raises(MapmendError, match=message):
             front_end.add_scan(ranges, stamp, odometry, laser)
     assert (len(front_end.graph.hung), len(front_end.graph)) == (1, 1)
+
+
+def test_a_log_of_other_lasers_is_refused():
+    """Their mounting differs: each scan would be taken for one of the wrong laser, and the map be wrong in silence."""
+    log = drive(BUILDING).log
+    front_end = FrontEnd([replace(log.scans.geometries[0], T_robot_laser=(0.0, 0.0, 0.8))], Config())
+    with pytest.raises(MapmendError, match="lasers are not those"):
+        front_end.run(log)

@@ -33,8 +33,8 @@ def test_fr_clinic_comes_back_to_its_start_whichever_way_the_grid_lies(turn_rad)
 
     The first 300 scans are a street that is driven again in the middle of the log and, the other way, at its end.
     """
-    log = read_carmen(data_path("logs/fr-clinic.clf.bz2"))
-    graph = FrontEnd(log.scans.geometries, Config()).run(turned(log, turn_rad))
+    log = turned(read_carmen(data_path("logs/fr-clinic.clf.bz2")), turn_rad)
+    graph = FrontEnd(log.scans.geometries, Config()).run(log)
     end = se2.compose((0.0, 0.0, -turn_rad), graph.scan_poses()[-1])
     assert np.hypot(end[0] + 0.4, end[1] - 2.0) < 1.5
     loops = np.array([(graph.hung.node_scan[e.anchor], graph.hung.node_scan[e.node]) for e in graph.loops])

@@ -58,6 +58,8 @@ class FrontEnd:
 
     def run(self, log: ScanLog) -> ScanGraph:
         """Maps a whole log; the graph, optimized."""
+        if log.scans.geometries != tuple(self.graph.scans.geometries):
+            raise MapmendError("the log's lasers are not those that this front end was made for")
         total = len(log)
         for k in range(total):
             self._take_scan(log.scans.ranges_of(k), float(log.stamps_s[k]), log.odometry[k], log.scans.laser_of(k))
