@@ -55,7 +55,6 @@ class LoopSearch:
         self._gate = float(chdtri(3, 1.0 - graph.config.loops.gate_quantile))
         self._tried_at_m: dict[tuple[int, int], float] = {}
         self.solved: Solved | None = None
-        self.attempts = 0
         self._partner = -1
         self._awaiting: LoopEdge | None = None
         self._relocation = Relocation(graph)
@@ -179,7 +178,6 @@ class LoopSearch:
         if path - self._tried_at_m.get(pair, -np.inf) < loops.retry_every_m:
             return None
         self._tried_at_m[pair] = path
-        self.attempts += 1
         predicted = self._predicted(candidate.key_node)
         region = self._region(predicted, covariance)
         field, local = self._key_nodes.likelihood(candidate.key_node), self._key_nodes.local_grid(candidate.key_node)

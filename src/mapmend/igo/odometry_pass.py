@@ -52,13 +52,7 @@ class OdometryPass:
 
     def can_match(self) -> Bool:
         """Which edges (n,) can be matched, each identified by its last node: that node must carry a scan."""
-        return self._has_edge() & self._graph.scans.are_there()
-
-    def _has_edge(self) -> Bool:
-        """Which nodes (n,) an odometry edge ends at: all but the first of each chain."""
-        has_edge = np.ones(len(self._graph), dtype=np.bool_)
-        has_edge[self._graph.chains.starts] = False
-        return has_edge
+        return self._graph.chains.has_edge() & self._graph.scans.are_there()
 
     def run(self, wanted: Bool, progress: Progress = no_progress) -> OdometryResult:
         """Matches the ``wanted`` edges (n,) again, each identified by its last node."""
@@ -66,7 +60,7 @@ class OdometryPass:
         trail, optimized = TrailGrid(self._graph), chains.poses.copy()
         poses = optimized.copy()
         accepted, differs = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-        ends = np.flatnonzero(self._has_edge()).tolist()
+        ends = np.flatnonzero(self._graph.chains.has_edge()).tolist()
         for j in ends:
             step = se2.between(optimized[j - 1], optimized[j])
             if wanted[j]:

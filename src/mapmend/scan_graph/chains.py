@@ -128,6 +128,12 @@ class Chains:
         """Moves all nodes to ``poses`` (n, 3). Edges and what is derived from them stay."""
         self._poses.rows[:] = poses
 
+    def has_edge(self) -> NDArray[np.bool_]:
+        """Which nodes an odometry edge ends at, shape (n,): all but the first of each chain."""
+        has_edge = np.ones(len(self), dtype=np.bool_)
+        has_edge[self._starts] = False
+        return has_edge
+
     def chain_of(self, node: int) -> tuple[int, int]:
         """The chain that a node is in: its first node, and the node after its last."""
         chain = bisect_right(self._starts, node)

@@ -62,7 +62,7 @@ class NodeScans:
         return Scans(self._ranges_m.rows, self._offsets.rows.copy(), self._laser.rows.copy(), tuple(self.geometries))
 
 
-class Readings(Protocol):
+class ScanSource(Protocol):
     """Numbered scans and the lasers that took them: a log's, or a graph's nodes' while their number still grows."""
 
     @property
@@ -76,7 +76,7 @@ class Readings(Protocol):
 class ScanPoints:
     """Projects scans on demand: a scan takes some microseconds, all scans of a long log would take much memory."""
 
-    def __init__(self, readings: Readings, config: ScanConfig) -> None:
+    def __init__(self, readings: ScanSource, config: ScanConfig) -> None:
         self._readings = readings
         self._config = config
         self._lasers: list[Laser] = []

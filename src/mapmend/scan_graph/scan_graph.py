@@ -95,9 +95,7 @@ class ScanGraph:
     def pose_graph(self, with_scans: bool = False) -> PoseGraph:
         """The graph of all nodes and edges: odometry, stretches, loops; with the scans if wanted."""
         chains, n = self.chains, len(self)
-        follows = np.ones(n, dtype=np.bool_)
-        follows[chains.starts] = False
-        chain = np.flatnonzero(follows)
+        chain = np.flatnonzero(chains.has_edge())
         stretches = [*chains.given_stretches, *chains.stretches]
         joined = [(e.first, e.last) for e in stretches] + [(e.anchor, e.node) for e in self.loops]
         measured = [e.T_first_last for e in stretches] + [e.T_anchor_node for e in self.loops]
